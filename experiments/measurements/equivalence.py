@@ -24,7 +24,7 @@ FRAME_RATE = 50.0
 
 
 @measurement(
-    page="numerics.md",
+    page="accuracy.md",
     quick={"motion": ("drop",), "strut_stiffness": (1e4, 1e5, 1e6), "ground_stiffness": (1e4, 1e5, 1e6)},
     raw=("every",),
 )

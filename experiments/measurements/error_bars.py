@@ -19,7 +19,7 @@ from jaxgrity.report import plot
 from jaxgrity.stepping import resolve
 
 
-@measurement(page="numerics.md", quick={"gaits": 8, "groups": 2, "durations": (2.0,)}, raw=("bars", "errors"))
+@measurement(page="accuracy.md", quick={"gaits": 8, "groups": 2, "durations": (2.0,)}, raw=("bars", "errors"))
 def error_bars(
     gaits: int = 64, groups: int = 8, durations: tuple[float, ...] = (4.0, 10.0), seed: int = 2028
 ) -> Iterator[Record]:

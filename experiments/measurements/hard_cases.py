@@ -54,7 +54,7 @@ class Cell(NamedTuple):
 
 
 @measurement(
-    page="numerics.md",
+    page="accuracy.md",
     quick={
         "methods": ("rk4", "verlet", "complementarity"),
         "cases": ("start 5 cm below ground", "incline 0.1 % above", "spinning at 50 rad/s"),

@@ -218,7 +218,7 @@ def facts_of(verdicts: list[dict]) -> Record:
     }
 
 
-@measurement(page="numerics.md", quick={"structures": 3, "variants": 2, "duration": 0.25}, raw=("rows", "variants"))
+@measurement(page="accuracy.md", quick={"structures": 3, "variants": 2, "duration": 0.25}, raw=("rows", "variants"))
 def random_structures(
     structures: int = 100, variants: int = 20, duration: float = 3.0, seed: int = 0, workers: int = 0
 ) -> Iterator[Record]:

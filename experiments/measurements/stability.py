@@ -42,7 +42,7 @@ SMALL_CONSTRAINED = 1e-6
 STEPS = 7000
 
 
-@measurement(page="numerics.md", quick={"scenes": 4}, raw=("rows",))
+@measurement(page="accuracy.md", quick={"scenes": 4}, raw=("rows",))
 def stability(scenes: int = 20, seed: int = 0) -> Record:
     """How far each method's measured limits are off, and what sets those of known scenes.
 

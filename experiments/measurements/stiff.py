@@ -20,7 +20,7 @@ from jaxgrity import FAILURES, Scene, SolverOptions, centre_path, load_scene, si
 METHODS = ("tsit5", "kvaerno3", "kvaerno5")
 
 
-@measurement(page="numerics.md", quick={"duration": 0.5, "tolerances": (1e-4,)}, raw=("outcome",))
+@measurement(page="accuracy.md", quick={"duration": 0.5, "tolerances": (1e-4,)}, raw=("outcome",))
 def stiff(duration: float = 2.0, tolerances: tuple[float, ...] = (1e-4, 1e-6)) -> Iterator[Record]:
     """A row for each scene, tolerance and method.
 

@@ -46,7 +46,7 @@ COLOURS = {name: f"C{k}" for k, name in enumerate((*EVALUATIONS, "mujoco Euler")
 
 
 @measurement(
-    page="numerics.md",
+    page="accuracy.md",
     quick={
         "scene": ("free flight",), "methods": ("rk4", "complementarity"), "precisions": ("float64",), "mujoco": False,
     },

@@ -82,7 +82,7 @@ def usual_sweeps(scene: Scene) -> int:
     """4 where each node belongs to one strut, so that sweeps are Newton steps; 16 where struts share nodes.
 
     After four sweeps the error of the constraints is rounding, for the robots of this library at their default steps.
-    Struts flat on rough ground, very unequal masses and chains of struts need more: see `docs/numerics.md`.
+    Struts flat on rough ground, very unequal masses and chains of struts need more: see `docs/schemes.md`.
     """
     return 16 if len(blocks_of(scene).groups) > 1 else 4
 

@@ -38,7 +38,7 @@ def verify(scene: Scene, gaits: Gait, duration: float, *, options: Options = Non
     With the centre of mass c, let d1 = |c(dt) - c(dt/2)| and d2 = |c(dt/2) - c(dt/4)|. If every further halving at
     least halves the difference, the error is at most d1 + 2 d2. The error bar is `SAFETY` times that, since a single
     difference may be small by chance. It is an estimate. It covers the error of the time step, not errors of the model;
-    docs/numerics.md has its measured coverage. Adaptive methods are compared at 1, 1/10 and 1/100 of their tolerances.
+    docs/accuracy.md has its measured coverage. Adaptive methods are compared at 1, 1/10 and 1/100 of their tolerances.
 
     Args:
         scene: the scene to simulate.

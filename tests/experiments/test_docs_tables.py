@@ -25,7 +25,7 @@ BLOCKS = {
     "docs/environments.md": 4,
     "docs/files.md": 1,
     "docs/gaits.md": 14,
-    "docs/numerics.md": 13,
+    "docs/accuracy.md": 13,
     "docs/terrain.md": 1,
     "docs/performance.md": 5,
     "docs/scaling.md": 3,
@@ -112,7 +112,7 @@ def test_a_result_that_lacks_something_is_refused(copied, tmp_path):
     save_compact(tmp_path / "results" / "stiff" / "stiff.json", {"command": "python x.py", "cores": 2})
     with pytest.raises(InputError, match=r"stiff.json: not what the script leaves: KeyError\('rows'\)"):
         update_docs.main(update_docs.Settings(results=tmp_path / "results", docs=copied))
-    assert (copied / "docs" / "numerics.md").read_bytes() == (ROOT / "docs" / "numerics.md").read_bytes()
+    assert (copied / "docs" / "accuracy.md").read_bytes() == (ROOT / "docs" / "accuracy.md").read_bytes()
 
 
 def test_a_figure_is_drawn_anew_from_a_whole_record(copied, tmp_path):

@@ -16,7 +16,7 @@ from pages import columns
 def example():
     """Squares, with an array that no page quotes."""
 
-    @measurement(page="numerics.md", quick={"count": 2}, raw=("all",))
+    @measurement(page="accuracy.md", quick={"count": 2}, raw=("all",))
     def squares(count: int = 3, first: float = 1.0):
         """A row for each number.
 
@@ -74,7 +74,7 @@ def test_rows_outlive_an_error(tmp_path):
 def test_rows_alone_are_a_record(tmp_path):
     """A function need not return anything beside them."""
 
-    @measurement(page="numerics.md", quick={})
+    @measurement(page="accuracy.md", quick={})
     def ones():
         yield {"x": 1}
 
@@ -105,7 +105,7 @@ def test_every_measurement_has_a_table_and_names_its_page():
 def test_a_record_for_each_value_of_a_literal(tmp_path):
     """All of them, or those that are asked for; each has a file and a table of its own, and a table may have parts."""
 
-    @measurement(page="numerics.md", quick={"ground": ("rough ice",)})
+    @measurement(page="accuracy.md", quick={"ground": ("rough ice",)})
     def slides(ground: Literal["mud", "rough ice"], far: float = 2.0):
         return {"ground": ground, "far": far}
 
