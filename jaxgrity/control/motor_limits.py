@@ -53,7 +53,7 @@ def contraction_reached(
     """
     change = jnp.clip(wanted, -motors.stroke, motors.stroke) - now
     if motors.lag is not None:
-        change = change * (1 - np.exp(-period / motors.lag))
+        change = change * float(1 - np.exp(-period / motors.lag))
     if motors.rate is not None:
         most = motors.rate * period / lengths
         change = jnp.clip(change, -most, most)

@@ -311,6 +311,9 @@ def test_motors_lag_and_are_bounded():
     np.testing.assert_allclose(slow, [0.005, -0.0025])
     pulled = control.contraction_reached(MotorLimits(force=50.0), now, wanted, 0.01, lengths, np.array([60.0, 60.0]))
     np.testing.assert_allclose(pulled, [0.0, -0.1])
+    single = (np.asarray(x, np.float32) for x in (now, wanted))
+    both = MotorLimits(lag=0.05, rate=0.5)
+    assert control.contraction_reached(both, *single, 0.01, np.asarray(lengths, np.float32), None).dtype == np.float32
 
 
 @pytest.mark.slow
