@@ -107,7 +107,7 @@ def test_site_is_built_without_a_warning(tmp_path):
         *(pytest.param(page, marks=pytest.mark.slow) for page in ("getting_started", "howto")),
         *(
             pytest.param(page, marks=pytest.mark.campaign)
-            for page in ("cables", "control", "environments", "identification")
+            for page in ("cables", "control", "environments", "gaits", "identification")
         ),
     ],
 )

@@ -40,7 +40,7 @@ NEAR = 0.05
 """body lengths, by which heights of nodes and distances between them may differ from the orbit's at most"""
 
 
-@measurement(page="gaits.md", quick={"robots": 8, "duration": 20.0, "contacts": ("own",)}, raw=("shares",))
+@measurement(page="gait_records.md", quick={"robots": 8, "duration": 20.0, "contacts": ("own",)}, raw=("shares",))
 def basin(
     gaits: tuple[str, ...] = ("straight",),
     contacts: tuple[str, ...] = ("own", "other"),

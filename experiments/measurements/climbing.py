@@ -22,7 +22,7 @@ OWN_SLOPE = 15.0
 """Slope of the scene `uphill`, degrees."""
 
 
-@measurement(page="gaits.md", quick={"slopes": (15.0,), "duration": 10.0})
+@measurement(page="gait_records.md", quick={"slopes": (15.0,), "duration": 10.0})
 def climbing(
     slopes: tuple[float, ...] = (0.0, 5.0, 10.0, 12.5, 15.0, 17.5, 20.0, 22.5, 25.0, 27.5, 30.0),
     friction: tuple[float, ...] = (0.8, 0.9, 1.0, 1.1, 1.2),

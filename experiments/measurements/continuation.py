@@ -40,7 +40,7 @@ SETTLING, SHOWN = 8, 24
 """periods at the end, after some that are left to settling, whose speeds the figure shows"""
 
 
-@measurement(page="gaits.md", quick={"quick_values": True}, raw=("each", "speed", "body_length"))
+@measurement(page="gait_records.md", quick={"quick_values": True}, raw=("each", "speed", "body_length"))
 def continuation(gait: str = "straight", robots: int = 32, quick_values: bool = False) -> Iterator[Record]:
     """A row for each quantity.
 

@@ -34,7 +34,7 @@ QUICK = (
 """one that only its processes and their compilation take time for"""
 
 
-@measurement(page="search.md", quick={"kills": 1, "timed": False}, raw=("rows", "moments_between"))
+@measurement(page="search_records.md", quick={"kills": 1, "timed": False}, raw=("rows", "moments_between"))
 def crash_recovery(out: Path, kills: int = 20, seed: int = 0, timed: bool = True) -> Iterator[Record]:
     """A row for each run that is killed; counts of what became of them.
 

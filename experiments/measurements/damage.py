@@ -32,7 +32,7 @@ OTHER, BEYOND = "on the other contact model", "beyond actuator bounds"
 
 
 @measurement(
-    page="search.md",
+    page="search_records.md",
     quick={"cases": ("cable 7", "strut 1"), "duration": 5.0, "population": 16, "generations": 1, "images": 1},
     raw=("intact", "damaged", "recovered"),
 )

@@ -40,7 +40,7 @@ WATCHED = 100.0
 """s, for an orbit"""
 
 
-@measurement(page="gaits.md", quick={"steps": 1, "last": 1}, raw=("each", "slopes", "limits"), listed=False)
+@measurement(page="gait_records.md", quick={"steps": 1, "last": 1}, raw=("each", "slopes", "limits"), listed=False)
 def design_gradient(
     study: Path = Path("results/design_study/design_study.json"),
     steps: int = 8,
@@ -177,8 +177,8 @@ def words(record: Record) -> str:
             continue
         penalty, higher, back = (row[name] and told(row[name]) for name in ("penalty", "climbed", "back"))
         rows.append([*about, penalty, higher, f"{row['kept']} of {row['steps']}", back or ""])
-    head = ["power allowed", "by the search, exact contact, m/s", "the same on penalty contact, power needed"]
-    head += ["after the climb there", "steps kept", "back on exact contact"]
+    head = ["power allowed", "search, exact contact, m/s", "search, penalty contact"]
+    head += ["climb, penalty contact", "steps kept", "climb, exact contact"]
     return table(head, rows)
 
 

@@ -40,7 +40,7 @@ class Size(NamedTuple):
     """s, of a rollout"""
 
 
-@measurement(page="gaits.md", quick={"powers": (160.0,), "designs": 6, "generations": (1, 1)})
+@measurement(page="gait_records.md", quick={"powers": (160.0,), "designs": 6, "generations": (1, 1)})
 def design_study(
     powers: tuple[float, ...] = (10.0, 20.0, 40.0, 80.0, 160.0),
     strut_force: float = 300.0,

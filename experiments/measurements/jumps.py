@@ -23,7 +23,7 @@ SHOWN = 200
 
 
 @measurement(
-    page="gaits.md",
+    page="gait_records.md",
     raw=("times", "heights"),
     quick={"rates": (2.0,), "duration": 2.5, "population": 8, "generations": (1, 1)},
 )

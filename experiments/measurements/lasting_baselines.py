@@ -54,7 +54,7 @@ class Size(NamedTuple):
 
 
 @measurement(
-    page="search.md",
+    page="search_records.md",
     quick={"seeds": 1, "gaits": 96, "population": 16, "duration": 10.0, "polish": 128},
     raw=("answers",),
 )

@@ -23,7 +23,7 @@ from jaxgrity.io.files import read_text
 SEARCH = Path(__file__).parents[1] / "gait_search.py"
 
 
-@measurement(page="search.md", quick={"gaits": gait_names()[:1], "small": True})
+@measurement(page="gait_records.md", quick={"gaits": gait_names()[:1], "small": True})
 def library_gaits(out: Path, gaits: tuple[str, ...] = gait_names(), small: bool = False) -> Iterator[Record]:
     """A row for each gait; each search leaves a folder.
 

@@ -1,4 +1,4 @@
-"""The tables of README and docs/search.md about the default search's gait and the library's."""
+"""The tables of README and docs about the default search's gait and the library's."""
 
 import numpy as np
 from pages import columns, made_by, table, whole_zero
@@ -25,7 +25,7 @@ def gait_search_facts(raw: Facts) -> Facts:
 
 
 def gait_search_table(facts: Facts) -> str:
-    """The most important numbers, of which all stand in docs/search.md."""
+    """The most important numbers, of which all stand in docs/search_records.md."""
     steady, size = facts["steady"], facts["steady"]["body_length"]
     exact, penalty = (_of_robots(mean / size, robots, size) for mean, robots in _ensembles(steady))
     rows = [
@@ -134,10 +134,11 @@ def _stroke(gait: Gait, members: Members, first: int) -> float:
     return float(np.max(shares))
 
 
-def full_gaits_table() -> str:
-    """All numbers about the library's gaits, a line each: their orbits, perturbed robots, and what a cycle takes."""
+def full_gaits_tables() -> dict[str, str]:
+    """All numbers about the library's gaits, by the marks of the tables: orbits, perturbed robots, and cycles."""
     told = [_facts_of(name) for name in gait_names()]
-    return "\n\n".join(columns(told, {"gait": "`{gait}`"} | cells) for cells in (ORBIT, ROBOTS, CYCLE))
+    tables = {"library/orbits": ORBIT, "library/robots": ROBOTS, "library/cycles": CYCLE}
+    return {mark: columns(told, {"gait": "`{gait}`"} | cells) for mark, cells in tables.items()}
 
 
 ORBIT = {
@@ -150,12 +151,12 @@ ORBIT = {
 }
 """What the first table says of a gait: the head of each column, and a format of what is known of the gait."""
 ROBOTS = {
-    "perturbed robots: mean speed, body lengths/s": "{own[0]}",
+    "speed, body lengths/s": "{own[0]}",
     "standard deviation": "{own[1]}",
-    "median turning, °/body length": "{own[2]}",
-    "other contact model: mean speed": "{twin[0]}",
+    "turning, °/body length": "{own[2]}",
+    "other contact model: speed": "{twin[0]}",
     "its standard deviation": "{twin[1]}",
-    "its median turning": "{twin[2]}",
+    "its turning": "{twin[2]}",
 }
 """The second table."""
 CYCLE = {

@@ -59,7 +59,7 @@ class Case(NamedTuple):
 
 
 @measurement(
-    page="gaits.md",
+    page="gait_records.md",
     quick={"duration": 80.0, "cycles": 20, "moments": 2, "robots": 2, "followed": 10, "close": 51, "finer": False},
     raw=("neutral", "curves", "map"),
 )

@@ -34,7 +34,7 @@ NEAR = 20.0
 """m, which the paths of gaits that turn do not leave"""
 
 
-@measurement(page="gaits.md", quick={"gaits": ("straight",), "roughly": True}, raw=("path",))
+@measurement(page="gait_records.md", quick={"gaits": ("straight",), "roughly": True}, raw=("path",))
 def orbits(
     out: Path,
     gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right", "uphill"),

@@ -30,7 +30,7 @@ CLOSED = 1e-3
 GROUPS = {"exact": "exact contact", "penalty": "penalty contact"}
 
 
-@measurement(page="gaits.md", quick={"searches": 2}, raw=("each",))
+@measurement(page="gait_records.md", quick={"searches": 2}, raw=("each",))
 def orbits_of_searches(searches: int = 64, population: int = 64, generations: int = 5) -> Iterator[Record]:
     """A row for each contact model.
 
@@ -103,9 +103,9 @@ def words(record: Record) -> str:
         "contact": "{contact}",
         "gaits on an orbit": "{settled} of {gaits}",
         "shape returns to 1 mm": "{closed} of {settled}",
-        "speed within 1 % of that at 1/8 of the step": lambda row: f"{100 * row['within_a_hundredth']:.0f} %",
-        "within the error bar": lambda row: f"{100 * row['covered']:.0f} %",
-        "medians: off by, error bar": lambda row: f"{100 * row['median_off']:.2g} %, {100 * row['median_bar']:.2g} %",
+        "error below 1 %": lambda row: f"{100 * row['within_a_hundredth']:.0f} %",
+        "error within the bar": lambda row: f"{100 * row['covered']:.0f} %",
+        "medians: error, bar": lambda row: f"{100 * row['median_off']:.2g} %, {100 * row['median_bar']:.2g} %",
         "order: median (quartiles)": lambda row: "{1:.1f} ({0:.1f} to {2:.1f})".format(*row["order"]),
     }
     return columns(record["rows"], cells)

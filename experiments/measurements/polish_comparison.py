@@ -60,7 +60,7 @@ class Size(NamedTuple):
 
 
 @measurement(
-    page="gaits.md",
+    page="search_records.md",
     quick={"seeds": 1, "population": 16, "generations": (2, 1), "judges": 8, "rollouts": 256, "final_robots": 8},
     raw=("answers",),
 )
@@ -154,8 +154,8 @@ def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
 def words(record: Record) -> str:
     """What each way gained, and what it could spend."""
     head = [
-        "continued by", "fitness gained, body lengths/s: median (quartiles)", "mean speed gained: median",
-        "seeds: better, worse than the start", "beats a longer search", "kept", "rollouts",
+        "continued by", "fitness gained, body lengths/s", "mean speed gained",
+        "seeds better, worse", "beats more search", "kept", "rollouts",
     ]  # fmt: skip
     rows = [
         [
@@ -170,7 +170,7 @@ def words(record: Record) -> str:
         for row in record["rows"]
     ]
     about = [str(record["seeds"]), str(record["rollouts"]), f"{record['start']:.3f} body lengths/s"]
-    settings = table(["seeds", "rollouts that each may spend", "fitness of the starts, median"], [about])
+    settings = table(["seeds", "most rollouts", "fitness of the starts, median"], [about])
     return f"{table(head, rows)}\n\n{settings}"
 
 

@@ -45,7 +45,9 @@ MOST = 7 / 8
 
 
 @measurement(
-    page="gaits.md", quick={"values": 3, "robots": 2, "duration": 20.0, "contacts": ("exact",)}, raw=("scan", "gait")
+    page="gait_records.md",
+    quick={"values": 3, "robots": 2, "duration": 20.0, "contacts": ("exact",)},
+    raw=("scan", "gait"),
 )
 def ranges(
     gait: str = "straight",

@@ -40,7 +40,7 @@ GAIN = "gain from the first to the second"
 
 
 @measurement(
-    page="search.md",
+    page="search_records.md",
     quick={"draws": 4, "robots": 8, "duration": 8.0, "contacts": ("exact",)},
     raw=("off", "duration"),
 )
@@ -134,8 +134,7 @@ def words(record: Record) -> str:
     told = lambda share: "-" if share is None else f"{100 * share:.0f} %"  # noqa: E731
     first, second = (name for name in covered if name.startswith("fitness of "))
     written = {GAIN: f"{second} less that of {first.removeprefix('fitness of ')}"}
-    about = f"{record['draws']} ensembles of {record['robots']} robots"
-    head = ["± of", "should contain the true value", *(f"contains it ({c} contact, {about})" for c in contacts)]
+    head = ["± of", "should contain the true value", *(f"contains it, {c} contact" for c in contacts)]
     rows = [
         [written.get(name, name), "95 %", *(told(shares.get(c)) for c in contacts)] for name, shares in covered.items()
     ]

@@ -48,7 +48,7 @@ WATCH = 120.0
 
 
 @measurement(
-    page="gaits.md",
+    page="gait_records.md",
     quick={"drawn": 48, "batch": 16, "rounds": 1, "duration": 10.0, "tries": 1},
     raw=("elites", "ranges"),
 )

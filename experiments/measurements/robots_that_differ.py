@@ -30,7 +30,7 @@ ENOUGH = 0.85
 """share of the speed of the gait's orbit, on its own contact model, from which on a robot counts as rolling"""
 
 
-@measurement(page="gaits.md", quick={"gaits": ("straight",), "robots": 8, "duration": 20.0}, raw=("speeds",))
+@measurement(page="gait_records.md", quick={"gaits": ("straight",), "robots": 8, "duration": 20.0}, raw=("speeds",))
 def robots_that_differ(
     gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right"),
     robots: int = 64,

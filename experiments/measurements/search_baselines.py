@@ -52,7 +52,7 @@ COMPARED: dict[str, tuple[tuple[Method, ...], tuple[Method, ...]]] = {
 
 
 @measurement(
-    page="search.md",
+    page="search_records.md",
     quick={"scene": ("exact",), "seeds": 1, "rollouts": 1024, "duration": 2.0, "population": 16},
     raw=("rows",),
 )

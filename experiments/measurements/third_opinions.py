@@ -23,7 +23,7 @@ Ends = Callable[[np.ndarray, float], np.ndarray]
 
 
 @measurement(
-    page="gaits.md",
+    page="gait_records.md",
     quick={"robots": 2, "settled": 5.0, "duration": 10.0, "mujoco": False},
     raw=("speeds",),
     listed=False,

@@ -25,7 +25,8 @@ from jaxgrity.io.files import read_text
 from jaxgrity.report import plot
 
 ROOT = Path(__file__).parents[2]
-README, SEARCH = "README.md", "docs/search.md"
+README, GAITS = "README.md", "docs/gaits.md"
+GAIT_RECORDS, SEARCH_RECORDS = "docs/gait_records.md", "docs/search_records.md"
 
 
 class Block(NamedTuple):
@@ -77,7 +78,7 @@ SOURCES: dict[str, Source] = {
         library.gait_search_facts,
         {
             "gait_search": Block(README, library.gait_search_table),
-            "gait_search/all": Block(SEARCH, library.full_gait_search_table),
+            "gait_search/all": Block(SEARCH_RECORDS, library.full_gait_search_table),
         },
         {"polish.png": "polish.png"},
     ),
@@ -142,8 +143,8 @@ def pages(root: Path) -> dict[str, dict[str, str]]:
         for mark, block in source.blocks.items():
             found.setdefault(block.page, {})[mark] = block.words(facts)
     found[README]["library"] = library.gaits_table()
-    found[SEARCH]["library"] = library.full_gaits_table()
-    found[SEARCH]["library/commands"] = library.gait_commands()
+    found[GAITS] = {"library": found[README]["library"]}
+    found[GAIT_RECORDS] |= library.full_gaits_tables() | {"library/commands": library.gait_commands()}
     return found
 
 

@@ -63,8 +63,8 @@ def floquet_multipliers(
     The derivative is that of the stepped motion: contacts, sticking and taut cables are in each step as on the orbit.
     With exact contact and rigid struts, some (q, v) are impossible. The impulses of the first steps undo deviations
     that change a strut's length or move a touching node. So impossible deviations only add multipliers of 0. The
-    stepped map has teeth, and its derivative is the slope of one tooth (docs/gaits.md). For larger disturbances use
-    `stability`.
+    stepped map has teeth, and its derivative is the slope of one tooth (docs/gait_records.md). For larger disturbances
+    use `stability`.
 
     Args:
         scene: a scene on a plane, with the gait of the orbit.

@@ -46,7 +46,7 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
     deviate by d1 from the undisturbed robot, after two by d2, without planar motions. The multipliers are the
     eigenvalues of the matrix A that fits d2 = A d1 best, in the few directions in which robots spread. They describe
     positions, for disturbances of this size. The derivative of the stepped map differs: impacts fall on whole steps, so
-    it describes how a touch-down moves within its step (docs/gaits.md).
+    it describes how a touch-down moves within its step (docs/gait_records.md).
 
     Args:
         scene: the scene with the gait of the orbit.

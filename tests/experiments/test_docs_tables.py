@@ -24,13 +24,14 @@ BLOCKS = {
     "docs/control.md": 12,
     "docs/environments.md": 4,
     "docs/files.md": 1,
-    "docs/gaits.md": 14,
+    "docs/gaits.md": 1,
+    "docs/gait_records.md": 18,
     "docs/accuracy.md": 13,
     "docs/terrain.md": 1,
     "docs/performance.md": 5,
     "docs/scaling.md": 3,
     "docs/identification.md": 4,
-    "docs/search.md": 10,
+    "docs/search_records.md": 8,
     "docs/validation.md": 4,
     "docs/matrix.md": 2,
 }
@@ -104,7 +105,7 @@ def test_results_are_condensed_first(copied, tmp_path):
     update_docs.main(update_docs.Settings(results=tmp_path / "results", docs=copied))
     facts = json.loads((copied / "docs" / "measured" / "crash_recovery.json").read_text())
     assert facts == kept | {"undisturbed_seconds": 12.3457}
-    assert "`python x.py`, [measured/crash_recovery.json]" in (copied / "docs" / "search.md").read_text()
+    assert "`python x.py`, [measured/crash_recovery.json]" in (copied / "docs" / "search_records.md").read_text()
 
 
 def test_a_result_that_lacks_something_is_refused(copied, tmp_path):

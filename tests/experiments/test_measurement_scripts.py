@@ -390,7 +390,7 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
 
 @pytest.mark.campaign
 def test_orbits_are_followed_gaits_polished_and_a_repertoire_filled(tmp_path):
-    """Quick sizes: what the tables of docs/gaits.md about them are made of."""
+    """Quick sizes: what the tables of docs/gait_records.md about them are made of."""
     facts = quick("measurements/continuation.py", tmp_path / "continuation")
     assert "| friction | 0.90 times, no further tried | 1.00 times" in words("continuation", facts)
     facts = quick("measurements/polish_comparison.py", tmp_path / "polish")
@@ -434,7 +434,7 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
 
 @pytest.mark.campaign
 def test_robots_are_designed(tmp_path):
-    """Quick size: what the table of docs/gaits.md about it is made of; limits are kept."""
+    """Quick size: what the table of docs/gait_records.md about it is made of; limits are kept."""
     facts = quick("measurements/design_study.py", tmp_path)
     assert [row["kind"] for row in facts["rows"]] == ["gait alone", "robot and gait"]
     assert all(row["peak_power"] <= 160 and row["strut_force"] <= facts["limits"][0] for row in facts["rows"])
