@@ -49,8 +49,17 @@ class _MembersTable(Table):
     bending_stiffness: NotNegative | list[NotNegative] | None = None
 
 
+class TouchingKeys(Table):
+    """Contact of struts with each other: their radius, and which pairs may touch; by default all."""
+
+    radius: Positive | list[Positive]
+    pairs: Annotated[list[tuple[Number, Number]], Meta(min_length=1)] | None = None
+    at_once: Annotated[int, Meta(ge=1)] | None = None
+
+
 class StrutsTable(_MembersTable):
     rigid: bool = False
+    touching: TouchingKeys | None = None
 
 
 class CablesTable(_MembersTable):

@@ -4,18 +4,21 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import msgspec
 import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, Edges
 from jaxgrity.io.member_sizes import has_sizes, members_of_sizes
-from jaxgrity.io.member_tables import CablesTable, MotorTable, StrutsTable
+from jaxgrity.io.member_tables import CablesTable, MotorTable, StrutsTable, TouchingKeys
 from jaxgrity.io.validation import shown
 from jaxgrity.model.force_laws import first_slope, force_limit, force_table
 from jaxgrity.model.laws import Law
 from jaxgrity.model.motors import Motor
+from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, edge_lengths, per_member
+from jaxgrity.model.strut_contact import radius_of_struts, strut_contact, touching_like, without_strut_contact
 
 
 def build_members(
@@ -115,6 +118,18 @@ def _stiffness(table: StrutsTable | CablesTable) -> float | list[float] | None:
         raise InputError(f"cables.force: {error}") from error
 
 
+def touching_keys(scene: Scene) -> dict[str, Any]:
+    """The key of contact between struts. Raises `InputError` where `load_scene` would make other laws of it."""
+    if (law := strut_contact(scene)) is None:
+        return {}
+    without = without_strut_contact(scene)
+    again = touching_like(without, scene).terms[len(without.terms) :]
+    if not eqx.tree_equal(again, scene.terms[-len(again) :]):
+        raise InputError("contact between struts: expected its laws as the last ones, and unchanged, as files have")
+    pairs, at_once = list(law.between.pairs), getattr(law, "at_once", None)
+    return {"touching": TouchingKeys(one_or_all(np.array(radius_of_struts(scene, law.between))), pairs, at_once)}
+
+
 def member_numbers(chosen: list[int], count: int, where: str) -> tuple[int, ...]:
     """The chosen ones of `count` members, in ascending order."""
     if len(set(chosen)) != len(chosen) or any(k >= count for k in chosen):
@@ -127,7 +142,7 @@ def _or_zero(value: float | list[float] | None) -> float | list[float]:
 
 
 def members_table(members: Members | None, table: Callable, kind: str, forces: dict[str, Any] | None = None) -> Any:
-    """The [struts] or [cables] table of members, with further keys of their `forces`.
+    """The [struts] or [cables] table of members, with further keys, such as those of their `forces`.
 
     Raises `InputError` for members without keys in scene files.
     """

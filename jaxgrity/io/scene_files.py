@@ -35,6 +35,7 @@ from jaxgrity.model.rod_contact import with_contact_along_struts
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking
 from jaxgrity.model.structure import Structure, per_member
+from jaxgrity.model.strut_contact import with_contact_between_struts
 from jaxgrity.statics.prestressing import prestressed
 from jaxgrity.structures.catalogue import rest_on_face
 from jaxgrity.structures.geometry import RobotGeometry
@@ -119,12 +120,13 @@ def build_scene(file: SceneFile, folder: Path = Path()) -> Scene:
         shaking=Shaking(**msgspec.structs.asdict(file.shaking)) if file.shaking else None,
         terms=(*_forces_from_outside(file, len(structure.nodes)), *cable_laws(file.cables, structure.cables)),
     )
-    if file.ground is None or file.ground.along_struts is None:
+    if file.ground is not None and (keys := file.ground.along_struts) is not None:
+        chosen = None if keys.struts is None else tuple(keys.struts)
+        scene = with_contact_along_struts(scene, keys.count, chosen, keys.radius)
+    if file.struts is None or (touching := file.struts.touching) is None:
         return scene
-    keys = file.ground.along_struts
-    return with_contact_along_struts(
-        scene, keys.count, None if keys.struts is None else tuple(keys.struts), keys.radius
-    )
+    pairs = None if touching.pairs is None else tuple(touching.pairs)
+    return with_contact_between_struts(scene, touching.radius, pairs, touching.at_once)
 
 
 def _structure(file: SceneFile, robot: RobotGeometry, ground: Ground | None) -> Structure:

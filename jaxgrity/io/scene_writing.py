@@ -27,7 +27,7 @@ from jaxgrity.io.ground_tables import (
     WavesTable,
 )
 from jaxgrity.io.member_tables import ForceKeys
-from jaxgrity.io.members import members_table, one_or_all
+from jaxgrity.io.members import members_table, one_or_all, touching_keys
 from jaxgrity.io.scene_tables import (
     AlongStrutsKeys,
     BallsKeys,
@@ -58,14 +58,16 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking, SupportMotion
 from jaxgrity.model.solids import Box, Cylinder, Sphere, Stairs
 from jaxgrity.model.structure import Structure
+from jaxgrity.model.strut_contact import BETWEEN_STRUTS
 from jaxgrity.model.surface import Slope, Surface
 from jaxgrity.model.unions import Union
 
 WIDTH = 120
 """Most characters in a line of lists. A longer list of lists takes one line for each."""
 OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
-PLACES: dict[type, int] = {Wind: 0, Push: 1, ForceTable: 2, ForceLimit: 2, **dict.fromkeys(ALONG_STRUTS, 3)}
-"""Order in which `load_scene` adds terms; of the first kind and of the last it adds one at most."""
+PLACES: dict[type, int] = {Wind: 0, Push: 1, ForceTable: 2, ForceLimit: 2}
+"""Order in which `load_scene` adds terms; of the first kind and of the third it adds one at most."""
+PLACES |= dict.fromkeys(ALONG_STRUTS, 3) | dict.fromkeys(BETWEEN_STRUTS, 4)
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 
 
@@ -110,7 +112,7 @@ def scene_file(scene: Scene) -> SceneFile:
     wind, pushes, forces = _laws(scene)
     file = SceneFile(
         structure=_structure(structure),
-        struts=members_table(structure.struts, StrutsTable, "struts"),
+        struts=members_table(structure.struts, StrutsTable, "struts", touching_keys(scene)),
         cables=members_table(structure.cables, CablesTable, "cables", forces),
         gravity=None if scene.gravity is None else GravityTable(float(scene.gravity)),
         damping=None if scene.node_damping is None else DampingTable(one_or_all(scene.node_damping)),
@@ -269,7 +271,7 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
             forces = {"force": ForceKeys(*(np.asarray(x).tolist() for x in (term.stretch, term.force)))}
         elif type(term) is ForceLimit:
             forces = {"largest_force": one_or_all(term.largest)}
-        elif not isinstance(term, ALONG_STRUTS):
+        elif type(term) not in PLACES:
             raise _no_key(f"terms[{number}]", term)
     return wind, pushes, forces
 

@@ -8,6 +8,7 @@ from .inertia import energy_of_motion, mass_matrix, mobility, momenta
 from .load_cases import LoadCase
 from .scene import body_length
 from .sizes import MATERIALS, Material, sized_members
+from .strut_contact import with_contact_between_struts
 from .surface import Frame, Surface
 from .symmetry import gene_permutations, image, standing_symmetries, symmetries
 from .waves import TravellingWave, travelling_waves
@@ -41,4 +42,5 @@ __all__ = [
     "standing_symmetries",
     "symmetries",
     "travelling_waves",
+    "with_contact_between_struts",
 ]

@@ -36,13 +36,14 @@ from jaxgrity.model.rigidity import RIGID
 from jaxgrity.model.scales import Scales, scales_of
 from jaxgrity.model.shaking import SupportMotion
 from jaxgrity.model.structure import Structure, member_vectors
+from jaxgrity.model.strut_pairs import ExactStrutContact
 
 LAWS_OF_STRUCTURES = (StrutSprings, *RIGID, CableSprings, NodeDamping, StrutDamping, CableDamping, Gravity)
 """Laws that follow from a scene's structure. Ground and friction add their own laws."""
 KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipation)
 KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
 """Kinds of friction that `describe` lists as modelled or not, in addition to `KNOWN_LAWS`."""
-CONSTRAINTS_MET = (*RIGID, ExactContact, CoulombCone)
+CONSTRAINTS_MET = (*RIGID, ExactContact, CoulombCone, ExactStrutContact)
 """Constraints that complementarity stepping satisfies."""
 BOOKED_OTHERWISE = ("actuation", "supports", "impulse", "moment")
 """Entries of the energy audit that are no causes of dissipation."""
@@ -177,8 +178,7 @@ class Scene(eqx.Module):
         vectors: tuple[VectorsByKind, VectorsByKind] | None = None,
     ) -> dict[str, Scalar]:
         """The terms of R, W, summed by cause."""
-        motion = self.motion(v, q, t, normal_force, vectors)
-        found: dict[str, Scalar] = {}
+        found, motion = dict[str, Scalar](), self.motion(v, q, t, normal_force, vectors)
         for term in self.dissipation_terms:
             R = term.dissipation(motion)
             found[term.cause] = found[term.cause] + R if term.cause in found else R
@@ -294,7 +294,7 @@ def body_length(scene: Scene) -> Scalar:
 
 def _check_term(term: Law) -> None:
     """Refuse laws that the motion or the energy audit would silently ignore."""
-    if not isinstance(term, (EnergyTerm, DissipationTerm, ForceLaw)):
+    if not isinstance(term, (EnergyTerm, DissipationTerm, ForceLaw, ExactStrutContact)):
         raise InputError(f"terms has {term!r}; expected an EnergyTerm, a DissipationTerm or a ForceLaw")
     if (cause := getattr(term, "cause", "")) in BOOKED_OTHERWISE:
         raise InputError(f"terms: {term.name!r} has cause {cause!r}, which the energy audit reserves; expected another")

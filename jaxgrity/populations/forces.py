@@ -14,6 +14,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.model.strut_contact import exact_strut_contact, without_strut_contact
 from jaxgrity.populations.step_impulses import impulses_along
 from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.discretisation import with_scales_and_mobility
@@ -34,6 +35,8 @@ class Forces(NamedTuple):
     """(frames, nodes, 3), force of the ground on each node, N"""
     supports: np.ndarray
     """(frames, nodes, 3), force of the supports on each node, N"""
+    between: np.ndarray
+    """(frames, nodes, 3), force of other struts on each node of a strut, N, by contact between struts"""
 
 
 @typed
@@ -56,7 +59,7 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
             from its frames.
 
     Returns:
-        Tension of every member, and the forces of ground and supports on every node, in every frame.
+        Tension of every member, and the forces of ground, supports and other struts on every node, in every frame.
 
     Raises:
         InputError: too few frames.
@@ -85,7 +88,8 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     # penalty contact acts by forces beside rigid struts and bodies too
     by_forces = scene.ground is not None and not scene.ground.impulsive
     ground = found.ground if by_forces else np.asarray(impulses.ground)
-    return Forces(tension, ground, np.asarray(impulses.supports))
+    between = np.asarray(impulses.between) if exact_strut_contact(scene) is not None else found.between
+    return Forces(tension, ground, np.asarray(impulses.supports), between)
 
 
 @typed
@@ -116,19 +120,21 @@ def reactions(scene: Scene, trajectory: Trajectory) -> NodeHistory:
 
 
 @eqx.filter_jit
-def _by_forces(scene: Scene, rigid: bool, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:
-    """Forces that follow from the state in each frame: tensions, and forces of ground and supports on nodes.
+def _by_forces(scene: Scene, rigid: bool, t: AnyArray, q: AnyArray, v: AnyArray) -> tuple[AnyArray, ...]:
+    """Forces that follow from the state in each frame: tensions, and forces of ground, supports and struts on nodes.
 
     `rigid`: whether those of rigid struts and bodies do too, since the method has multipliers for them.
     """
     scene = with_scales_and_mobility(scene)
-    aloft = eqx.tree_at(lambda s: (s.ground, s.friction), scene, (None, None), is_leaf=lambda x: x is None)
+    alone = without_strut_contact(scene)
+    aloft = eqx.tree_at(lambda s: (s.ground, s.friction), alone, (None, None), is_leaf=lambda x: x is None)
 
     def frame(t: Scalar, q: NodeVectors, v: NodeVectors):
-        ground = total_force(scene, t, q, v) - total_force(aloft, t, q, v) if scene.ground is not None else 0 * q
+        ground = total_force(alone, t, q, v) - total_force(aloft, t, q, v) if scene.ground is not None else 0 * q
+        between = total_force(scene, t, q, v) - total_force(alone, t, q, v) if alone is not scene else 0 * q
         pulled = rigid_forces(scene, t, (q, v)) if rigid else 0.0
         supports = support_forces(scene, t, q, v, pulled) if scene.structure.fixed else 0 * q
-        return _tension(scene, t, q, v, rigid), ground, supports
+        return _tension(scene, t, q, v, rigid), ground, supports, between
 
     return jax.vmap(frame)(t, q, v)
 

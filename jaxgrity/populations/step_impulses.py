@@ -17,7 +17,7 @@ from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
 from jaxgrity.stepping.loop import Carried, Step, advance, carried_at
 from jaxgrity.stepping.options import ResolvedOptions, options_anew
-from jaxgrity.stepping.power import ground_impulses, strut_impulses, strut_tensions, support_impulses
+from jaxgrity.stepping.power import between_struts, ground_impulses, strut_impulses, strut_tensions, support_impulses
 from jaxgrity.stepping.simulate import Trajectory, with_room
 
 MOST = 2**10
@@ -35,6 +35,8 @@ class Exerted(NamedTuple):
     """of the ground on each node, (nodes, 3)"""
     supports: AnyArray
     """of the supports, (nodes, 3)"""
+    between: AnyArray
+    """of struts on each other, (nodes, 3)"""
 
 
 class StepPlan(NamedTuple):
@@ -142,8 +144,7 @@ def _stepped(scene: Scene, options: ResolvedOptions, plan: StepPlan, count: AnyA
     struts = rigid_struts(scene)
     room = len(plan.taken_up)
     empty = (
-        jnp.zeros((room, *shape), nodes.dtype)
-        for shape in ((len(struts.edges) if struts else 0,), nodes.shape, nodes.shape)
+        jnp.zeros((room, *shape), nodes.dtype) for shape in ((len(struts.edges) if struts else 0,), *[nodes.shape] * 3)
     )
     return jax.lax.fori_loop(0, count, step, (first, Exerted(*empty)))[1]
 
@@ -165,4 +166,5 @@ def _impulses(scene: Scene, step: Step) -> Exerted:
     pulls: AnyArray = jnp.zeros(0, nothing.dtype)
     if struts is not None:
         pulls = strut_tensions(scene, step.before.motion[0], strut_impulses(scene, step))
-    return Exerted(pulls, sum(ground_impulses(scene, step), nothing), supports)
+    ground, between = (sum(each(scene, step), nothing) for each in (ground_impulses, between_struts))
+    return Exerted(pulls, ground, supports, between)

@@ -13,6 +13,7 @@ from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
 from jaxgrity.model.springs import as_springs, spring_forces
 from jaxgrity.model.structure import Members, Structure, edge_lengths
+from jaxgrity.model.strut_contact import strut_contact
 from jaxgrity.statics.equilibrium import resting_shape
 from jaxgrity.statics.vibrations import frequency_range
 
@@ -32,6 +33,7 @@ def describe(scene: Scene) -> str:
         ("not modelled", ", ".join(absent) or "-"),
         ("nodes", f"{len(scene.structure.nodes)}, {float(scene.structure.mass):.4g} kg in all"),
         *_describe_ground(scene),
+        *_describe_strut_contact(scene),
         *_describe_friction(scene),
         *_describe_supports(scene),
         *_describe_members(scene.structure),
@@ -66,6 +68,12 @@ def _describe_ground(scene: Scene) -> list[tuple[str, str]]:
         return [*touch, ("ground", ", ".join(type(solid).__name__.lower() for solid in scene.ground.surface.solids))]
     incline = np.degrees(scene.ground.incline)
     return [*touch, ("ground", f"plane that falls by {incline:.4g}° towards +x" if incline else "level plane")]
+
+
+def _describe_strut_contact(scene: Scene) -> list[tuple[str, str]]:
+    if (law := strut_contact(scene)) is None:
+        return []
+    return [("struts touch", f"{len(law.between.pairs)} pairs of radius {_span(law.between.radius, 'm')}")]
 
 
 def _describe_friction(scene: Scene) -> list[tuple[str, str]]:

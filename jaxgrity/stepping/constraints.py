@@ -41,6 +41,8 @@ class GroundImpulses(NamedTuple):
     """p_t, along its two tangents"""
     along_struts: Any = None
     """(points, 3), N s, along normal and tangents of points of struts (`capsules.py`); None: struts have none"""
+    between_struts: Any = None
+    """(points, 3), N s, likewise of struts on each other (`strut_contacts.py`)"""
 
 
 class StepProblem(NamedTuple):

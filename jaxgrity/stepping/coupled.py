@@ -19,12 +19,12 @@ from typing import NamedTuple
 import jax
 import jax.flatten_util
 import jax.numpy as jnp
+import numpy as np
 
 from jaxgrity.core.dense import least_solution
 from jaxgrity.core.primitives import edge_vectors, inverse, length
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, State
 from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.capsules import TouchingPoints
 from jaxgrity.stepping.constraints import GroundImpulses
 from jaxgrity.stepping.coupled_contacts import ContactProblem, as_impulses, solve_contacts
 from jaxgrity.stepping.coupled_problem import (
@@ -45,6 +45,7 @@ from jaxgrity.stepping.coupled_problem import (
     scaled,
     touching_nodes,
 )
+from jaxgrity.stepping.strut_contacts import TouchingStruts
 
 TURNING = 20
 """Most rounds in a step that use the struts' directions at its start."""
@@ -94,28 +95,35 @@ def coupled_impulses(
     start: NodeVectors,
     near: NodeVectors,
     last: GroundImpulses,
-    touching: TouchingPoints | None,
+    touching: TouchingStruts,
 ) -> StepImpulses:
     """Solve the step of `times` (its size h and its end, s) from `state` (q, m, and v, m/s).
 
     `start`: the velocities by forces alone; `near`: some near the solution; `last`: the ground's impulses of the last
-    step; `touching`: points of struts that may touch.
+    step; `touching`: points of struts that may touch the ground, or each other.
     """
     (h, _), (q, _) = times, state
     mass, rows = scene.structure.borne_mass, touching_nodes(scene)
     problem = problem_of(scene, times, state, start, touching)
     guess = jnp.stack([last.normal, *last.tangential], axis=1) * mass[:, None]
-    guess, along = guess if rows is None else guess[rows], last.along_struts
-    found = solve_step(problem, guess if along is None else jnp.concatenate([guess, along]), near)
+    guesses, along, struts = [guess if rows is None else guess[rows]], None, None
+    if last.along_struts is not None:
+        guesses.append(last.along_struts)
+    if touching.each_other is not None:
+        guesses.append(last.between_struts[touching.each_other.rows])
+    found = solve_step(problem, guesses[0] if len(guesses) == 1 else jnp.concatenate(guesses), near)
     at_nodes = found.ground
-    if along is not None:
-        at_nodes, along = at_nodes[: len(guess)], at_nodes[len(guess) :]
+    if len(guesses) > 1:
+        at_nodes, *others = jnp.split(found.ground, np.cumsum([len(each) for each in guesses])[:-1])
+        along = None if last.along_struts is None else others[0]
+        if touching.each_other is not None:
+            struts = jnp.zeros_like(last.between_struts).at[touching.each_other.rows].set(others[-1])
     exerted = at_nodes if rows is None else jnp.zeros_like(q).at[rows].set(at_nodes)
     p = exerted * inverse(mass)[:, None]
     off: Scalar = jnp.zeros_like(found.error)
     if problem.apart is not None:
         off = h * jnp.max(jnp.abs(lengths_after(problem, found.velocity) - problem.goal))
-    impulses = GroundImpulses(p[:, 0], (p[:, 1], p[:, 2]), along)
+    impulses = GroundImpulses(p[:, 0], (p[:, 1], p[:, 2]), along, struts)
     return StepImpulses(found.velocity, impulses, found.struts, found.error, found.stretch, off)
 
 

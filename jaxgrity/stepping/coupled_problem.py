@@ -24,6 +24,7 @@ from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.coupled_contacts import as_impulses
 from jaxgrity.stepping.entering import Met, closing_speed, where_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact
+from jaxgrity.stepping.strut_contacts import StrutContacts, TouchingStruts, points_of
 
 NEVER = 1e6
 """Speed, m/s for a body of one metre, at which a node that is fixed in all directions would have to move down to touch
@@ -72,12 +73,16 @@ class Elimination(NamedTuple):
 
 
 def problem_of(
-    scene: Scene, times: tuple[Scalar, Scalar], state: State, start: NodeVectors, touching: TouchingPoints | None = None
+    scene: Scene,
+    times: tuple[Scalar, Scalar],
+    state: State,
+    start: NodeVectors,
+    touching: TouchingStruts,
 ) -> Coupled:
     """The constraints of a step of size h that ends at t1 (`times`, s), from `state`, q (m) and v (m/s); `start` is w0
     (m/s).
 
-    `touching`: the points of struts that may touch.
+    `touching`: the points of struts that may touch the ground, or each other.
     """
     (h, t1), (q, v) = times, state
     edges, ground, structure = rigid_pairs(scene), exact_ground(scene), scene.structure
@@ -93,14 +98,14 @@ def problem_of(
         start = following(structure.bodies, start) + (following(structure.bodies, q) - q) / h
     rows, reach = touching_nodes(scene), None
     at: NodeVectors = q if rows is None else q[rows]
+    # velocities are compared with it that are multiplied by roots of masses
+    least = jnp.asarray(jnp.square(SLOWEST * speed) * mass_scale(scene), q.dtype)
     if ground is not None:
         never = np.where(structure.free.any(1), 0.0, NEVER).astype(q.dtype) * speed
         mu = None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
         size = length_scale(scene)
         met = _met(ground, size, h, (q, v))
         axes = met.frame
-        # velocities are compared with it that are multiplied by roots of masses
-        least = jnp.asarray(jnp.square(SLOWEST * speed) * mass_scale(scene), q.dtype)
         if rows is not None:
             never, mu = never[rows], mu if mu is None or mu.ndim == 0 else mu[rows]
         closing = closing_speed(ground, size, h, v if rows is None else v[rows], met)
@@ -111,15 +116,20 @@ def problem_of(
         own = jnp.eye(len(q), dtype=q.dtype)[rows]
         moved_with = own + ground.balls.turning(structure.bodies, q, frame[:, 0])
         reach = frame[:, :, None, :] * jnp.stack([own, moved_with, moved_with], axis=1)[..., None]
-    if contact is not None and touching is not None:
-        contact, frame, reach = _and_struts(scene, h, v, touching, contact, frame, reach)
+    if contact is not None and touching.ground is not None:
+        contact, frame, reach = _and_struts(scene, h, v, touching.ground, contact, frame, reach)
+    if touching.each_other is not None:
+        contact = Contact(jnp.zeros(0, q.dtype), None, None, least) if contact is None else contact
+        contact, frame, reach = _and_between(scene, h, touching.each_other, contact, frame, reach)
     slow = jnp.asarray(SLOW * speed, q.dtype)
     return Coupled(A, start, apart, goal, contact, frame, slow, reach, edges)
 
 
 def touching_nodes(scene: Scene) -> np.ndarray | None:
-    """The nodes of the balls that can touch exact ground; None: all nodes can."""
+    """The nodes of the balls that can touch exact ground; None: all nodes can, or nothing can touch anything."""
     ground = exact_ground(scene)
+    if ground is None and points_of(scene):
+        return np.zeros(0, int)
     return None if ground is None or ground.balls is None else np.array(ground.balls.nodes)
 
 
@@ -145,7 +155,7 @@ def _and_struts(
 ) -> tuple[Contact, AnyArray, AnyArray]:
     """The contacts of nodes, or balls, and after them those of struts between their ends."""
     ground, capsules, size = cast(ExactGround, scene.ground), cast(Capsules, capsules_of(scene)), length_scale(scene)
-    nodes, dtype, (i, j) = len(v), frame.dtype, ends_of(capsules)
+    nodes, (i, j) = len(v), ends_of(capsules)
     closing = closing_speed(ground, size, h, of_points(touching, capsules, v), touching.met)
     moves = touching.found & scene.structure.free.any(1)[[i, j]].any(0)
     closing = jnp.where(moves, closing, -NEVER * speed_scale(scene))
@@ -153,11 +163,28 @@ def _and_struts(
     if each is not None and each.ndim:
         mu = jnp.concatenate([mu, each[i] + touching.share * (each[j] - each[i])])
     axes = jnp.stack([touching.met.frame.normal, *touching.met.frame.tangents], axis=1)
-    if reach is None:
-        reach = frame[:, :, None, :] * jnp.eye(nodes, dtype=dtype)[:, None, :, None]
-    along = axes[:, :, None, :] * weights_of(touching, capsules, nodes)[:, None, :, None]
     contact = contact._replace(closing=jnp.concatenate([contact.closing, closing]), mu=mu)
-    return contact, jnp.concatenate([frame, axes]), jnp.concatenate([reach, along])
+    return contact, *_reaching(frame, reach, axes, weights_of(touching, capsules, nodes))
+
+
+def _and_between(
+    scene: Scene, h: Scalar, between: StrutContacts, contact: Contact, frame: AnyArray, reach: AnyArray | None
+) -> tuple[Contact, AnyArray, AnyArray]:
+    """The contacts with the ground, and after them those of struts with each other."""
+    closing = jnp.where(between.found, -between.gap / h, -NEVER * speed_scale(scene))
+    mu = contact.mu
+    if scene.friction is not None and jnp.ndim(each := jnp.asarray(scene.friction.sliding_mu)):
+        mu = jnp.concatenate([mu, jnp.abs(between.weights) @ each / 2])
+    contact = contact._replace(closing=jnp.concatenate([contact.closing, closing.astype(frame.dtype)]), mu=mu)
+    return contact, *_reaching(frame, reach, between.axes, between.weights)
+
+
+def _reaching(frame: AnyArray, reach: AnyArray | None, axes: AnyArray, weights: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Frames and reaches, with those of points that move by `weights` of the nodes."""
+    if reach is None:
+        reach = frame[:, :, None, :] * jnp.eye(weights.shape[1], dtype=frame.dtype)[: len(frame), None, :, None]
+    along = axes[:, :, None, :] * weights[:, None, :, None]
+    return jnp.concatenate([frame, axes]), jnp.concatenate([reach, along])
 
 
 def in_frames(problem: Coupled, x: NodeVectors) -> MemberVectors:

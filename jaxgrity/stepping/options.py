@@ -23,6 +23,7 @@ from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.methods import Method, constrained_method, default_method, find_method
 from jaxgrity.stepping.starts import check_start
 from jaxgrity.stepping.step_limits import default_step, step_fault
+from jaxgrity.stepping.strut_contacts import points_of
 
 KEPT = 64
 """Number of calls of `resolve` whose result is remembered: choosing and checking a step takes longer than a short
@@ -31,7 +32,7 @@ MASS_RATIO = 50
 """Largest ratio of the masses at a strut's ends at which sweeps are sure to converge on the ground."""
 ROUGH = 1.0
 """Smallest friction coefficient mu at which sweeps may not converge."""
-UNSWEPT = "sweeps handle no rods with mass, supports, bodies or balls, and no contact along struts"
+UNSWEPT = "sweeps handle no rods with mass, supports, bodies or balls, and no contact along or between struts"
 MOST_SWEEPS = 1000
 """Largest number of sweeps per complementarity step if a tolerance is given."""
 
@@ -274,7 +275,7 @@ def _sweeps(given: SolverOptions, method: Method, dtype: str, size: float) -> in
 def _must_be_coupled(scene: Scene) -> bool:
     """Whether sweeps cannot solve it."""
     balls = scene.ground is not None and scene.ground.balls is not None
-    return scene.structure.coupled or balls or capsules_of(scene) is not None
+    return scene.structure.coupled or balls or capsules_of(scene) is not None or bool(points_of(scene))
 
 
 def _coupled(scene: Scene, given: SolverOptions, method: Method, concrete: bool) -> bool:

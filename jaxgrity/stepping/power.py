@@ -19,6 +19,7 @@ from jaxgrity.stepping.dynamics import acceleration, outside_force, smooth_force
 from jaxgrity.stepping.entering import frame_met
 from jaxgrity.stepping.ground_impulses import on_nodes
 from jaxgrity.stepping.loop import Step
+from jaxgrity.stepping.strut_contacts import points_of, struts_on_nodes
 
 SAME_FACE = 0.99
 """Smallest cosine of the angle (8 degrees) by which the normal turns in a step of a node that slides on along a curve.
@@ -72,7 +73,7 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
     mean = (v + w) / 2
     gained = jax.tree.map(lambda power: step.kick * power, powers(step.acting(scene), step.t0, q, mean))
     gained["actuation"] = _actuation(scene, step)
-    ground = ground_impulses(scene, step)
+    ground, between = ground_impulses(scene, step), between_struts(scene, step)
     work = lambda force: inner(jnp.ones_like(v[:, 0]), dot(force, mean))  # noqa: E731
     if ground:
         staying = _staying(scene, step)
@@ -82,12 +83,17 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
             _book(gained, "stepping", -work(ground[0] - arriving))
         if scene.friction is not None:
             _book(gained, "friction", -work(ground[1] + ground[2]))
+    if between:
+        _book(gained, "impacts", -work(between[0]))
+        if scene.friction is not None:
+            _book(gained, "friction", -work(between[1] + between[2]))
     if rigid_pairs(scene):
         done = strut_impulses(scene, step)
         given = _strut_actuation(scene, step, done)
         gained["actuation"] = gained["actuation"] + given
         _book(gained, "stepping", given - work(done))
-    outside: NodeVectors = sum(ground, jnp.zeros_like(q))
+    # of friction between struts a moment is left: it acts on their axes, and they do not turn about these
+    outside: NodeVectors = sum((*ground, *between), jnp.zeros_like(q))
     if scene.structure.fixed:
         # those of the forces are among the powers already
         at_rest = step.kick * support_forces(step.acting(scene), step.t0, q, mean)
@@ -169,7 +175,8 @@ def support_impulses(scene: Scene, step: Step) -> NodeVectors:
     """N s, on each node, of its support in one step of complementarity stepping: the rest after all else."""
     (q, v), (_, w) = step.before.motion, step.after.motion
     forces = step.kick * total_force(step.acting(scene), step.t0, q, (v + w) / 2)
-    others = sum(ground_impulses(scene, step), forces + strut_impulses(scene, step))
+    touched = *ground_impulses(scene, step), *between_struts(scene, step)
+    others = sum(touched, forces + strut_impulses(scene, step))
     return along_fixed(scene.structure, momenta(scene.structure, w - v) - others)
 
 
@@ -178,3 +185,10 @@ def ground_impulses(scene: Scene, step: Step) -> list[NodeVectors]:
     if exact_ground(scene) is None:
         return []
     return on_nodes(scene, step.h, step.before.motion, step.after.memory.impulses)
+
+
+def between_struts(scene: Scene, step: Step) -> list[NodeVectors]:
+    """The same of struts on each other, by exact contact; of scenes that have it."""
+    if not points_of(scene):
+        return []
+    return struts_on_nodes(scene, step.h, step.before.motion, step.after.memory.impulses.between_struts)

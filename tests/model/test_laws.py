@@ -37,12 +37,20 @@ from jaxgrity import (
     with_gait,
     with_terms,
 )
-from jaxgrity.model import Friction, Ground, rigid_body, standing_symmetries, symmetries
+from jaxgrity.model import (
+    Friction,
+    Ground,
+    rigid_body,
+    standing_symmetries,
+    symmetries,
+    with_contact_between_struts,
+)
 from jaxgrity.model.friction import CoulombCone
 from jaxgrity.model.law_symmetry import looks_alike
 from jaxgrity.model.laws import Constraint
-from jaxgrity.model.rod_contact import RodContact, RodContactDissipation, RodFriction
+from jaxgrity.model.rod_contact import ALONG_STRUTS
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
+from jaxgrity.model.strut_contact import BETWEEN_STRUTS
 from jaxgrity.stepping import limiting_part, standing
 from jaxgrity.stepping.step_limits import part_shares
 from jaxgrity.structures import prism_tower
@@ -74,7 +82,8 @@ def scenes(reference, exact):
     laced = with_terms(exact, force_table(cables, [0.0, 0.1, 0.2], [0.0, 60.0, 180.0]), force_limit(cables, 200.0))
     payload = rigid_body(exact.structure.nodes, (0, 1, 4, 5, 8), 2.0, [0.1, 0.1, 0.1])
     loaded = eqx.tree_at(lambda s: s.structure.bodies, exact, (payload,))
-    return reference, exact, switch, pushed, laced, with_contact_along_struts(reference, 2), loaded
+    touching = with_contact_between_struts(with_contact_along_struts(reference, 2), 0.01)
+    return reference, exact, switch, pushed, laced, touching, with_contact_between_struts(loaded, 0.01)
 
 
 def test_every_law_of_the_library_is_known():
@@ -85,7 +94,7 @@ def test_every_law_of_the_library_is_known():
     """
     laws = concrete(Law)
     assert len(laws) > 10
-    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit, RodContact, RodContactDissipation, RodFriction}
+    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit, *ALONG_STRUTS, *BETWEEN_STRUTS}
     assert {law for law in laws if law not in known and law.name not in {f.name for f in KNOWN_FRICTIONS}} == set()
     assert set(KNOWN_LAWS) <= laws
     assert concrete(Friction) == set(KNOWN_FRICTIONS)

@@ -1,0 +1,233 @@
+"""Contact between struts, and its laws on penalty contact."""
+
+import dataclasses
+from collections.abc import Sequence
+from itertools import combinations
+from typing import ClassVar, cast
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.arguments import check_count, check_each
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import dot, scale
+from jaxgrity.core.tracing import traced
+from jaxgrity.core.typed import typed
+from jaxgrity.core.types import Edges, NodeVectors, Scalar
+from jaxgrity.model.friction import SmoothFriction
+from jaxgrity.model.ground import PenaltyGround, contact_dissipation, contact_energy, normal_force
+from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, ForceLaw, Motion
+from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.scales import length_scale
+from jaxgrity.model.scene import Scene, with_terms
+from jaxgrity.model.structure import Members, per_member
+from jaxgrity.model.strut_pairs import DEEP, ExactStrutContact, StrutPairs, difference, known_nearest, overlap
+
+AT_ONCE = 8
+"""Default number of pairs that a step solves on exact contact. A robot of six struts has 15, of which few are near."""
+
+
+class StrutContact(EnergyTerm):
+    """U = sum k_n/2 min(0, g)^2, with the gap g = |x - y| - r_i - r_j between the nearest points of two struts."""
+
+    between: StrutPairs
+    name: ClassVar[str] = "penalty contact between struts"
+
+    def energy(self, at: Configuration) -> Scalar:
+        ground = _springs(self.between, at.scene)
+        if ground is None:
+            return jnp.zeros((), at.q.dtype)
+        return contact_energy(ground, self.between.nearest(at.q).gap)
+
+    def keeps(self, symmetry):
+        return self.between.keep(symmetry)
+
+    def parts(self, scene):
+        return self.between.names("contact of")
+
+    def scaled(self, factors):
+        return StrutContact(self.between.times(factors))
+
+
+class StrutContactDissipation(DissipationTerm):
+    """Dissipation R at the nearest points, like `ContactDissipation` at the nodes."""
+
+    between: StrutPairs
+    name: ClassVar[str] = "contact dissipation between struts"
+    cause: ClassVar[str] = "contact"
+
+    def dissipation(self, motion: Motion) -> Scalar:
+        ground = _springs(self.between, motion.at.scene)
+        if ground is None or ground.dissipation is None:
+            return jnp.zeros((), motion.v.dtype)
+        share, normal, gap = self.between.nearest(motion.at.q)
+        v = difference(self.between.at_ends(motion.v), share)
+        return contact_dissipation(ground, dot(v, normal), gap)
+
+    def keeps(self, symmetry):
+        return self.between.keep(symmetry)
+
+    def parts(self, scene):
+        return self.between.names("contact dissipation of")
+
+    def scaled(self, factors):
+        return StrutContactDissipation(self.between.times(factors))
+
+
+class StrutFriction(ForceLaw):
+    """Smooth friction at the nearest points: F_t = -mu F_n v_t/sqrt(|v_t|^2 + eps^2), with the mean mu of both."""
+
+    between: StrutPairs
+    name: ClassVar[str] = "smooth friction between struts"
+    cause: ClassVar[str] = "friction"
+
+    def force(self, motion: Motion, other_forces: NodeVectors) -> NodeVectors:
+        scene, nodes = motion.at.scene, len(motion.v)
+        ground = _springs(self.between, scene)
+        if ground is None or scene.friction is None:
+            return jnp.zeros_like(motion.v)
+        share, normal, gap = self.between.nearest(motion.at.q)
+        v = difference(self.between.at_ends(motion.v), share)
+        v_n = dot(v, normal)
+        slip, pressed = v - scale(normal, v_n), normal_force(ground, gap, v_n)
+        mu = self.between.mean(scene.friction.mu * jnp.ones_like(motion.v[:, 0]), share)
+        speed = jnp.sqrt(dot(slip, slip) + scene.friction.slip_speed**2)
+        return self.between.on_nodes(scale(slip, -mu * pressed / speed), share, nodes)
+
+    def keeps(self, symmetry):
+        return self.between.keep(symmetry)
+
+
+BETWEEN_STRUTS = StrutContact, StrutContactDissipation, StrutFriction, ExactStrutContact
+"""The laws of contact between struts."""
+
+
+@typed
+def with_contact_between_struts(
+    scene: Scene, radius: Scalar | Sequence[float], pairs: Edges | None = None, at_once: int | None = None
+) -> Scene:
+    """The scene whose struts touch each other.
+
+    Each strut is a capsule: all that is within its radius r of its axis. Two struts touch where their axes come as near
+    as r_i + r_j. The force acts along the shortest distance, on the axes. Ends get it by the position of the point.
+
+    - On penalty contact, stiffness, dissipation and smooth friction are those of the ground, once for each pair.
+    - On exact contact, and for rigid struts without ground, no impulse pulls, and none rebounds. Friction is a cone
+      with the scene's mu. Where struts are nearly parallel, each pair has a second point. Struts and contacts are then
+      solved together.
+
+    Args:
+        scene: a scene with ground, or with rigid struts; on penalty contact with smooth friction or none.
+        radius: r, m, of all struts or of each strut; it may differ from the radius of contact with the ground.
+        pairs: numbers of the two struts of each pair; by default all pairs of struts without a common node.
+        at_once: on exact contact, the number of pairs that a step solves: the nearest ones. A motion fails if more
+            than that may touch in a step. By default up to 8.
+
+    Returns:
+        The scene with `StrutContact`, and with dissipation and friction if it has them (penalty contact), or with
+        `ExactStrutContact` (exact contact), among its terms.
+
+    Raises:
+        InputError: no struts, or no two without a common node; a radius that is not positive; pairs that are not there,
+            share a node, or come twice; spring struts without a ground; another friction law; struts that overlap at
+            the start; a scene that has such contact already.
+
+    Example:
+        >>> scene = jaxgrity.model.with_contact_between_struts(jaxgrity.load_scene("exact"), radius=0.01)
+        >>> scene.terms[0].name, len(scene.terms[0].between.pairs)
+        ('exact contact between struts', 15)
+    """
+    members, ground = scene.structure.struts, scene.ground
+    if strut_contact(scene) is not None:
+        raise InputError("contact between struts: the scene has it already; expected a scene without")
+    chosen = _chosen_pairs(members, pairs)
+    edges = cast(Members, members).edges
+    exact = ground.impulsive if ground is not None else cast(Members, members).rigid
+    if not exact and not isinstance(ground, PenaltyGround):
+        raise InputError("contact between struts has the ground's stiffness; expected a ground, or rigid struts")
+    if not exact and scene.friction is not None and not isinstance(scene.friction, SmoothFriction):
+        raise InputError(f"friction: {type(scene.friction).__name__} between struts; expected smooth friction, or none")
+    radii = per_member(radius, len(edges), "radius")
+    check_each("radius", radii, above=0.0, unit="m")
+    if at_once is not None:
+        check_count("at_once", at_once, 1)
+    ends = tuple(tuple(edges[pair[strut]][end] for pair in chosen) for strut in (0, 1) for end in (0, 1))
+    between = StrutPairs(chosen, ends, radii[np.array(chosen)], np.ones(len(chosen)))
+    _check_apart(scene, between)
+    if exact:
+        return with_terms(scene, ExactStrutContact(between, min(len(chosen), at_once or AT_ONCE)))
+    return with_terms(
+        scene,
+        StrutContact(between),
+        *([] if cast(PenaltyGround, ground).dissipation is None else [StrutContactDissipation(between)]),
+        *([] if scene.friction is None else [StrutFriction(between)]),
+    )
+
+
+def strut_contact(scene: Scene) -> StrutContact | ExactStrutContact | None:
+    """The law by which struts of the scene touch each other; None: they do not."""
+    return next((law for law in scene.terms if isinstance(law, StrutContact | ExactStrutContact)), None)
+
+
+def exact_strut_contact(scene: Scene) -> ExactStrutContact | None:
+    """The same on exact contact."""
+    return next((law for law in scene.terms if isinstance(law, ExactStrutContact)), None)
+
+
+def without_strut_contact(scene: Scene) -> Scene:
+    """The scene whose struts pass through each other."""
+    if strut_contact(scene) is None:
+        return scene
+    return dataclasses.replace(scene, terms=tuple(law for law in scene.terms if not isinstance(law, BETWEEN_STRUTS)))
+
+
+def touching_like(scene: Scene, other: Scene) -> Scene:
+    """The scene, whose struts do not touch each other, with contact between the same struts as in `other`."""
+    law = strut_contact(other)
+    if law is None:
+        return scene
+    at_once = law.at_once if isinstance(law, ExactStrutContact) else None
+    return with_contact_between_struts(scene, radius_of_struts(scene, law.between), law.between.pairs, at_once)
+
+
+def radius_of_struts(scene: Scene, between: StrutPairs) -> list[float]:
+    """Radius of each strut, m; of a strut without a pair that of another one."""
+    radii = np.asarray(between.radius, float)
+    known = dict(zip(np.array(between.pairs).ravel().tolist(), radii.ravel().tolist()))
+    return [known.get(k, float(radii.flat[0])) for k in range(len(cast(Members, scene.structure.struts).edges))]
+
+
+def _springs(between: StrutPairs, scene: Scene) -> PenaltyGround | None:
+    """The scene's ground with the stiffness of each pair; None if a report has removed it."""
+    ground = scene.ground
+    if not isinstance(ground, PenaltyGround):
+        return None
+    return eqx.tree_at(lambda g: g.stiffness, ground, jnp.broadcast_to(ground.stiffness, ()) * between.strength)
+
+
+def _chosen_pairs(struts: Members | None, pairs: Edges | None) -> Edges:
+    """The pairs of `with_contact_between_struts`, which are refused as it says."""
+    edges = () if struts is None else struts.edges
+    count = len(edges)
+    free = [pair for pair in combinations(range(count), 2) if not set(edges[pair[0]]) & set(edges[pair[1]])]
+    if not free:
+        found = f"contact between struts: the scene's {count} have no two without a common node"
+        raise InputError(f"{found}; expected struts that may touch")
+    if pairs is None:
+        return tuple(free)
+    for pair in pairs:
+        if tuple(sorted(pair)) not in free:
+            raise InputError(f"pairs has {list(pair)}: expected two of {count} struts, without a common node")
+    if not pairs or len(set(map(frozenset, pairs))) < len(pairs):
+        raise InputError(f"pairs = {list(map(list, pairs))}: expected at least one, and each once")
+    return tuple(pairs)
+
+
+def _check_apart(scene: Scene, between: StrutPairs) -> None:
+    if traced((scene, between)):
+        return
+    q, size = np.asarray(scene.structure.nodes, float), float(length_scale(scene))
+    gap = known_nearest(between, q).gap
+    if gap.min() < -(LARGEST_GAP + DEEP) * size:
+        raise InputError(overlap(between, q, int(gap.argmin())))
