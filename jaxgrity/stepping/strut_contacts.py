@@ -1,6 +1,6 @@
 """Exact contact between struts in a step: the planes that keep pairs of struts apart, and how their points move."""
 
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -111,7 +111,7 @@ def moved(ends: Ends, ways: Ends, share: PerMember) -> Ends:
     return i, j, k, l
 
 
-def _near(law: ExactStrutContact, ends: Ends, ways: Ends) -> tuple[Ends, Ends, AnyArray, AnyArray, AnyArray]:
+def _near(law: ExactStrutContact, ends: Ends, ways: Ends) -> tuple[Any, Any, AnyArray, AnyArray, AnyArray]:
     """Ends, ways and distance in contact of the pairs that may touch first, their numbers, and whether others may."""
     apart, count = jnp.asarray(law.between.apart, ends[0].dtype), law.at_once
     if count == len(apart):
@@ -170,8 +170,9 @@ def _features(there: Ends, ways: Ends, rest: PerMember) -> tuple[AnyArray, AnyAr
     each = [difference(there, place) for place in places]
     distance = jnp.stack([length(d) for d in each])
     nearest = jnp.argmin(distance.at[0].set(jnp.where(crosses, distance[0], jnp.inf)), axis=0)
-    approach = jnp.stack([dot(difference(ways, place), d) for place, d in zip(places, each)])
-    ends = (distance + rest * approach * inverse(distance))[1:]
+    units = [scale(d, inverse(length(d))) for d in each]
+    approach = jnp.stack([dot(difference(ways, place), u) for place, u in zip(places, units)])
+    ends = (distance + rest * approach)[1:]
     s, t = (jnp.stack(x) for x in zip(*places))
     beside = [jnp.abs(x - jnp.take_along_axis(x, nearest[None], 0))[1:] >= APART for x in (s, t)]
     counts = beside[0] | beside[1]
