@@ -231,7 +231,9 @@ def response(problem: Coupled, J: AnyArray) -> tuple[AnyArray, AnyArray, AnyArra
     own = J @ AJ
     # to a diagonal of 1, so that the ridge is the same share of the response of every strut, light or heavy;
     # in float32 rounding is more than `REDUNDANT`
-    scale = 1 / jnp.sqrt(jnp.maximum(jnp.diagonal(own), jnp.finfo(J.dtype).tiny))
+    answer = jnp.diagonal(own)
+    # a strut between supports answers nothing, and has no impulse
+    scale = jnp.where(answer > 0, 1 / jnp.sqrt(jnp.maximum(answer, jnp.finfo(J.dtype).tiny)), 0)
     ridge = max(REDUNDANT, 10 * float(jnp.finfo(J.dtype).eps)) * jnp.eye(len(J), dtype=J.dtype)
     inverse = inverse_of(own * scale[:, None] * scale + ridge) * scale[:, None] * scale
     return J, inverse, problem.A - AJ @ inverse @ AJ.T

@@ -27,7 +27,7 @@ FAILURES = (
     "the most steps allowed were taken",
     "an implicit step did not converge",
     "the step became too small",
-    "the start lies below the ground, or its rigid struts have other lengths",
+    "the start lies below the ground, has struts in each other, or rigid struts of other lengths",
 )
 """What became of a rollout, by its failure code."""
 TORN = 10.0

@@ -17,8 +17,7 @@ from jaxgrity.stepping.capsules import TouchingPoints, capsules_of, touching_poi
 from jaxgrity.stepping.entering import depth_inside
 
 POINTS = 2
-"""Points of contact of a pair: the nearest one, and the end of a strut that would come next, if they are nearly
-parallel."""
+"""Points of contact of a pair. Struts that are nearly parallel need two, since they rock from one to the other."""
 APART = 0.02
 """Smallest distance of both points, as a share of a strut's length."""
 ADVANCES = 32
@@ -67,10 +66,11 @@ def points_of(scene: Scene) -> int:
 def strut_contacts(scene: Scene, h: Scalar, start: State) -> StrutContacts | None:
     """The points of a step of h (s) from `start`, q, m, and v, m/s; None where no struts touch by impulses.
 
-    A pair in contact has the normals at the start of the step, and the distances where it is if it moves on without
+    A pair in contact has the normal at the start of the step, and the distance where it is if it moves on without
     coming nearer: so it ends the step in contact but for the third power of its way. A pair that arrives in the step
-    has the normals and distances where it touches first, and any other those where it would end. All are found along
-    the ways with the velocities at the start.
+    has the normal where it touches first, and any other that where it would end. All are found along the ways with the
+    velocities at the start. The second point is where the pair would then be nearest at the end of the step. If that is
+    the first one, it is an end of a strut that would come next.
     """
     law = exact_strut_contact(scene)
     if law is None:
@@ -84,19 +84,13 @@ def strut_contacts(scene: Scene, h: Scalar, start: State) -> StrutContacts | Non
     share = jnp.where(held, 0, _first_touch(ends, ways, apart))
     there = moved(ends, ways, share)
     which, found = _features(there, ways, 1 - share)
-    pair = np.repeat(np.arange(len(apart)), POINTS)
-    of_points = lambda x: jax.tree.map(lambda rows: rows[pair], x)  # noqa: E731
-    ends, ways, there, share, held, apart = map(of_points, (ends, ways, there, share, held, apart))
-    which = which.ravel()
-    at = _chosen(there, which)
-    d = difference(there, at)
-    normal = scale(d, inverse(length(d)))
-    approach = dot(difference(ways, at), normal)
-    # what both do without coming nearer: the first strut is held back by the whole of it
-    back = scale(normal, -approach)
-    following = (ends[0] + ways[0] + back, ends[1] + ways[1] + back, ends[2] + ways[2], ends[3] + ways[3])
-    after = length(difference(following, _chosen(following, which)))
-    gap = jnp.where(held, after, length(d) - share * approach) - apart
+    first, following = _kept((ends, ways), there, share, which[:, 0])
+    second, _ = _kept((ends, ways), there, share, which[:, 1])
+    late, elsewhere = _elsewhere(ends, following, which[:, 0])
+    second = jax.tree.map(lambda x, y: jnp.where(elsewhere.reshape(-1, *[1] * (x.ndim - 1)), x, y), late, second)
+    found = found.at[:, 1].set(found[:, 1] | elsewhere)
+    at, normal, distance = jax.tree.map(lambda *x: jnp.stack(x, axis=1).reshape(-1, *x[0].shape[1:]), first, second)
+    gap = distance - jnp.repeat(apart, POINTS)
     frame = frame_about(*normal.T)
     rows = (POINTS * numbers[:, None] + jnp.arange(POINTS)).ravel()
     axes = jnp.stack([frame.normal, *frame.tangents], axis=1)
@@ -159,6 +153,43 @@ def _first_touch(ends: Ends, ways: Ends, apart: PerMember) -> PerMember:
     slope = jax.lax.stop_gradient(dot(difference(ways, at), d) * inverse(length(d)))
     distance, lands = length(d) - apart, (share < 1) & (slope < 0)
     return share - jnp.where(lands, distance - jax.lax.stop_gradient(distance), 0) / jnp.where(lands, slope, 1)
+
+
+class _Plane(NamedTuple):
+    """What keeps both struts of a pair apart."""
+
+    at: Share
+    normal: AnyArray
+    distance: PerMember
+    """m, of the axes along the normal at the start of the step"""
+
+
+def _kept(motion: tuple[Ends, Ends], there: Ends, share: PerMember, which: AnyArray) -> tuple[_Plane, Ends]:
+    """The planes at the chosen `candidates` where the ends are `there`, after a `share` of their ways.
+
+    And the ends after the step if struts come no nearer at that place from there on: the distance is that to which they
+    follow each other.
+    """
+    ends, ways = motion
+    at = _chosen(there, which)
+    d = difference(there, at)
+    normal = scale(d, inverse(length(d)))
+    approach = dot(difference(ways, at), normal)
+    back = scale(normal, (share - 1) * approach)
+    i, j, k, l = (x + way for x, way in zip(ends, ways))  # noqa: E741
+    following = i + back, j + back, k, l
+    after = length(difference(following, _chosen(following, which)))
+    return _Plane(at, normal, after - share * approach), following
+
+
+def _elsewhere(ends: Ends, following: Ends, which: AnyArray) -> tuple[_Plane, AnyArray]:
+    """The planes where struts would be nearest after the step, and whether that is apart from the chosen places."""
+    at, place = nearest_share(following), _chosen(following, which)
+    d = difference(following, at)
+    normal = scale(d, inverse(length(d)))
+    moves = difference(following, at) - difference(ends, at)
+    apart = jnp.maximum(jnp.abs(at[0] - place[0]), jnp.abs(at[1] - place[1])) >= APART
+    return _Plane(at, normal, length(d) - dot(moves, normal)), apart
 
 
 def _features(there: Ends, ways: Ends, rest: PerMember) -> tuple[AnyArray, AnyArray]:

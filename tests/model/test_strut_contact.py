@@ -62,7 +62,7 @@ def test_nearest_points_of_segments():
     ends[10:15, 2:] = ends[10:15, :2] * 2 + 3.0 * (ends[10:15, :1] - ends[10:15, 1:2])
     ends[15:20, 2] = 2 * (0.3 * ends[15:20, 0] + 0.7 * ends[15:20, 1]) - ends[15:20, 3]
     between, q = pairs_of(ends)
-    share, normal, gap = jax.tree.map(np.asarray, jax.jit(between.nearest)(q))
+    share, normal, gap = jax.tree.map(np.asarray, jax.jit(lambda q: between.nearest(q))(q))
     (s, t), grid = share, np.linspace(0, 1, 201)
     along = lambda a, b, x: a + x[..., None] * (b - a)  # noqa: E731
     first = along(ends[:, None, 0], ends[:, None, 1], grid)
