@@ -60,7 +60,7 @@ def test_rods_that_meet_head_on_lose_what_a_plastic_impact_loses():
     np.testing.assert_allclose(motion.velocities[3, :, 2], after, atol=1e-6)
     energy = (mass[:, None] * np.asarray(motion.velocities) ** 2).sum((1, 2)) / 2
     np.testing.assert_allclose(energy[3] - energy[2], -2.0 * impulse / 2, rtol=1e-5)
-    assert np.diff(energy).max() < 1e-9
+    assert np.diff(energy).max() < 1e-8
     assert gaps(scene, motion.positions).min() > -1e-6
 
 
@@ -84,16 +84,20 @@ def thrown(number: int) -> tuple[np.ndarray, np.ndarray]:
     "count", [pytest.param(12, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.campaign)]
 )
 def test_thrown_rods_do_not_enter_each_other(count):
-    """But for the depth that a start may have. Energy does not grow, and momenta stay."""
+    """By more than 0.1 mm, or nearly parallel ones by 2 mm: there the point of contact runs along them within a step.
+
+    Energy does not grow by more than a like share, and momenta stay.
+    """
     scene, mass, met = crossing(), np.array([1.0, 2.0, 0.5, 1.0]), 0
     for number in range(count):
         q, v = thrown(number)
         motion = simulate(scene, 0.4, positions=q, velocities=v, options=STEP, frame_rate=200.0)
         assert not motion.failed
         x, w = (np.asarray(part) for part in (motion.positions, motion.velocities))
-        assert gaps(scene, x).min() > -5e-4
+        parallel = number % 3 == 0
+        assert gaps(scene, x).min() > (-2e-3 if parallel else -1e-4)
         energy = (mass[:, None] * w**2).sum((1, 2)) / 2
-        assert np.diff(energy).max() < 5e-3 * energy[0]
+        assert np.diff(energy).max() < (5e-3 if parallel else 2e-4) * energy[0]
         np.testing.assert_allclose((mass[:, None] * w).sum(1), [(mass[:, None] * v).sum(0)] * len(w), atol=1e-9)
         met += energy[-1] < 0.99 * energy[0]
     assert met >= count // 2
@@ -130,7 +134,7 @@ def test_a_rod_slides_on_two_others_and_comes_to_rest():
     scene, v = pile()
     motion = simulate(scene, 0.3, velocities=v, options=SolverOptions(dt=2e-3))
     x = np.asarray(motion.positions)[:, 4:] - scene.structure.nodes[4:]
-    np.testing.assert_allclose(x[-1, :, 0], 0.5**2 / (2 * 0.4 * G), rtol=0.03)
+    np.testing.assert_allclose(x[-1, :, 0], 0.5**2 / (2 * 0.4 * G), rtol=0.02)
     np.testing.assert_allclose(x[-5:], [x[-1]] * 5, atol=1e-9)
     np.testing.assert_allclose(x[:, :, 2], 0.0, atol=1e-8)
     forces = forces_along(scene, motion)
