@@ -31,7 +31,7 @@ Ends = tuple[MemberVectors, MemberVectors, MemberVectors, MemberVectors]
 """of each pair, both ends of the first strut, then of the second, (pairs, 3) each"""
 
 
-class Nearest(NamedTuple):
+class NearestPoints(NamedTuple):
     """The nearest points of pairs of struts."""
 
     share: Share
@@ -63,13 +63,13 @@ class StrutPairs(eqx.Module):
         i, j, k, l = (take_rows(x, nodes) for nodes in self.ends)  # noqa: E741
         return i, j, k, l
 
-    def nearest(self, q: NodeVectors) -> Nearest:
+    def nearest(self, q: NodeVectors) -> NearestPoints:
         """The nearest points, where nodes are at q, m."""
         ends = self.at_ends(q)
         share = nearest_share(ends)
         d = difference(ends, share)
         distance = length(d)
-        return Nearest(share, scale(d, inverse(distance)), distance - self.apart)
+        return NearestPoints(share, scale(d, inverse(distance)), distance - self.apart)
 
     def on_nodes(self, force: MemberVectors, share: Share, nodes: int) -> NodeVectors:
         """(nodes, 3), from forces on the points of the first struts, N; those on the second are opposite."""
@@ -130,7 +130,8 @@ def nearest_share(ends: Ends) -> Share:
         distance = length(difference(ends, other))
         nearer = distance < least
         least = jnp.where(nearer & ~crosses, distance, least)
-        found = tuple(jnp.where(nearer & ~crosses, a, b) for a, b in zip(other, found))
+        s, t = (jnp.where(nearer & ~crosses, a, b) for a, b in zip(other, found))
+        found = s, t
     return found
 
 
@@ -171,7 +172,7 @@ def overlap(between: StrutPairs, q: np.ndarray, part: int) -> str:
     return f"struts {i} and {j} start {depth:.3g} m in each other; expected: beside each other, by their radii"
 
 
-def known_nearest(between: StrutPairs, q: np.ndarray) -> Nearest:
+def known_nearest(between: StrutPairs, q: np.ndarray) -> NearestPoints:
     """The nearest points at known positions q, m, in float64."""
     with jax.enable_x64(True), evaluated():
         return jax.tree.map(np.asarray, between.nearest(jnp.asarray(np.asarray(q, float))))

@@ -24,7 +24,7 @@ from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.coupled_contacts import as_impulses
 from jaxgrity.stepping.entering import Met, closing_speed, where_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact
-from jaxgrity.stepping.strut_contacts import StrutContacts, TouchingStruts, points_of
+from jaxgrity.stepping.strut_contacts import StrutContacts, TouchingStruts, points_between
 
 NEVER = 1e6
 """Speed, m/s for a body of one metre, at which a node that is fixed in all directions would have to move down to touch
@@ -128,7 +128,7 @@ def problem_of(
 def touching_nodes(scene: Scene) -> np.ndarray | None:
     """The nodes of the balls that can touch exact ground; None: all nodes can, or nothing can touch anything."""
     ground = exact_ground(scene)
-    if ground is None and points_of(scene):
+    if ground is None and points_between(scene):
         return np.zeros(0, int)
     return None if ground is None or ground.balls is None else np.array(ground.balls.nodes)
 

@@ -20,7 +20,7 @@ from jaxgrity.stepping.complementarity import (
     one_robot,
 )
 from jaxgrity.stepping.coupled import coupled_impulses
-from jaxgrity.stepping.strut_contacts import TouchingStruts, points_of, touching_struts
+from jaxgrity.stepping.strut_contacts import TouchingStruts, points_between, touching_struts
 
 LARGEST_SPEED_ERROR = 1e-3
 """Largest difference, m/s for a body of one metre, between a velocity and what the impulses make of it, where struts
@@ -38,7 +38,7 @@ class CoupledImpulses(Complementarity):
         none = lambda points: jnp.zeros_like(y0[1], shape=(points, *y0[1].shape[1:]))  # noqa: E731
         if (capsules := capsules_of(args)) is not None:
             impulses = impulses._replace(along_struts=none(len(ends_of(capsules)[0])))
-        if points := points_of(args):
+        if points := points_between(args):
             impulses = impulses._replace(between_struts=none(points))
         return CoupledState(step_size, impulses, 0 * y0[1], jnp.zeros_like(y0[1][0, 0]))
 
@@ -47,7 +47,7 @@ class CoupledImpulses(Complementarity):
         h, (kick, forces) = t1 - t0, kick_of(scene, ends, memory)
         solve = self.lift(coupled_impulses, ("s", None, -1, -1, -1, -1, -1))
         touching = TouchingStruts()
-        if capsules_of(scene) is not None or points_of(scene):
+        if capsules_of(scene) is not None or points_between(scene):
             touching = self.lift(touching_struts, ("s", None, -1))(scene, h, start)
         _, a = terms.vf(t0, start, forces)
         free = self._carried(scene, t0, t1, v + kick * a)

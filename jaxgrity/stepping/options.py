@@ -23,7 +23,7 @@ from jaxgrity.stepping.constraints import exact_ground, rigid_struts
 from jaxgrity.stepping.methods import Method, constrained_method, default_method, find_method
 from jaxgrity.stepping.starts import check_start
 from jaxgrity.stepping.step_limits import default_step, step_fault
-from jaxgrity.stepping.strut_contacts import points_of
+from jaxgrity.stepping.strut_contacts import points_between
 
 KEPT = 64
 """Number of calls of `resolve` whose result is remembered: choosing and checking a step takes longer than a short
@@ -275,7 +275,7 @@ def _sweeps(given: SolverOptions, method: Method, dtype: str, size: float) -> in
 def _must_be_coupled(scene: Scene) -> bool:
     """Whether sweeps cannot solve it."""
     balls = scene.ground is not None and scene.ground.balls is not None
-    return scene.structure.coupled or balls or capsules_of(scene) is not None or bool(points_of(scene))
+    return scene.structure.coupled or balls or capsules_of(scene) is not None or bool(points_between(scene))
 
 
 def _coupled(scene: Scene, given: SolverOptions, method: Method, concrete: bool) -> bool:

@@ -19,7 +19,7 @@ from jaxgrity.stepping.dynamics import acceleration, outside_force, smooth_force
 from jaxgrity.stepping.entering import frame_met
 from jaxgrity.stepping.ground_impulses import on_nodes
 from jaxgrity.stepping.loop import Step
-from jaxgrity.stepping.strut_contacts import points_of, struts_on_nodes
+from jaxgrity.stepping.strut_contacts import points_between, struts_on_nodes
 
 SAME_FACE = 0.99
 """Smallest cosine of the angle (8 degrees) by which the normal turns in a step of a node that slides on along a curve.
@@ -189,6 +189,6 @@ def ground_impulses(scene: Scene, step: Step) -> list[NodeVectors]:
 
 def between_struts(scene: Scene, step: Step) -> list[NodeVectors]:
     """The same of struts on each other, by exact contact; of scenes that have it."""
-    if not points_of(scene):
+    if not points_between(scene):
         return []
     return struts_on_nodes(scene, step.h, step.before.motion, step.after.memory.impulses.between_struts)

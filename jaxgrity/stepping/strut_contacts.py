@@ -57,7 +57,7 @@ def touching_struts(scene: Scene, h: Scalar, start: State) -> TouchingStruts:
     return TouchingStruts(ground, strut_contacts(scene, h, start))
 
 
-def points_of(scene: Scene) -> int:
+def points_between(scene: Scene) -> int:
     """The number of points of all pairs; 0 where no struts touch each other by impulses."""
     law = exact_strut_contact(scene)
     return 0 if law is None else POINTS * len(law.between.pairs)
@@ -82,13 +82,13 @@ def strut_contacts(scene: Scene, h: Scalar, start: State) -> StrutContacts | Non
     bent = jnp.square(_reach(ways)) / (8 * apart)
     held = _least(ends) - apart <= depth_inside(size, apart.dtype) + bent
     share = jnp.where(held, 0, _first_touch(ends, ways, apart))
-    there = moved(ends, ways, share)
-    which, found = _features(there, ways, 1 - share)
+    there = moved_ends(ends, ways, share)
+    which, beside = _features(there, ways, 1 - share)
     first, following = _kept((ends, ways), there, share, which[:, 0])
     second, _ = _kept((ends, ways), there, share, which[:, 1])
     late, elsewhere = _elsewhere(ends, following, which[:, 0])
     second = jax.tree.map(lambda x, y: jnp.where(elsewhere.reshape(-1, *[1] * (x.ndim - 1)), x, y), late, second)
-    found = found.at[:, 1].set(found[:, 1] | elsewhere)
+    found = jnp.stack([jnp.ones_like(beside), beside | elsewhere], axis=1).ravel()
     at, normal, distance = jax.tree.map(lambda *x: jnp.stack(x, axis=1).reshape(-1, *x[0].shape[1:]), first, second)
     gap = distance - jnp.repeat(apart, POINTS)
     frame = frame_about(*normal.T)
@@ -96,10 +96,10 @@ def strut_contacts(scene: Scene, h: Scalar, start: State) -> StrutContacts | Non
     axes = jnp.stack([frame.normal, *frame.tangents], axis=1)
     each = _weights(law, numbers, at, len(start[0]))
     free = jnp.asarray(scene.structure.free.any(1))
-    return StrutContacts(axes, gap, each, found.ravel() & jnp.any((each != 0) & free, axis=1), rows, missed)
+    return StrutContacts(axes, gap, each, found & jnp.any((each != 0) & free, axis=1), rows, missed)
 
 
-def moved(ends: Ends, ways: Ends, share: PerMember) -> Ends:
+def moved_ends(ends: Ends, ways: Ends, share: PerMember) -> Ends:
     """The ends after this share of their ways."""
     i, j, k, l = (x + scale(way, share) for x, way in zip(ends, ways))  # noqa: E741
     return i, j, k, l
@@ -132,7 +132,7 @@ def _first_touch(ends: Ends, ways: Ends, apart: PerMember) -> PerMember:
     """The share of their ways after which struts touch first; 1 where they do not."""
     fixed = jax.lax.stop_gradient((ends, ways, apart))
     reach, enough = _reach(fixed[1]), TOUCHED * fixed[2]
-    gap = lambda share: _least(moved(*fixed[:2], share)) - fixed[2]  # noqa: E731
+    gap = lambda share: _least(moved_ends(*fixed[:2], share)) - fixed[2]  # noqa: E731
 
     def going(state):
         share, gap, count = state
@@ -147,7 +147,7 @@ def _first_touch(ends: Ends, ways: Ends, apart: PerMember) -> PerMember:
     start = 0 * reach
     share, *_ = jax.lax.while_loop(going, advance, (start, gap(start), 0))
     # the derivative is that of the root
-    there = moved(ends, ways, share)
+    there = moved_ends(ends, ways, share)
     at = nearest_share(there)
     d = difference(there, at)
     slope = jax.lax.stop_gradient(dot(difference(ways, at), d) * inverse(length(d)))
@@ -193,7 +193,7 @@ def _elsewhere(ends: Ends, following: Ends, which: AnyArray) -> tuple[_Plane, An
 
 
 def _features(there: Ends, ways: Ends, rest: PerMember) -> tuple[AnyArray, AnyArray]:
-    """Of each pair, (pairs, points), which of the `candidates` its points are, and whether there is such a point.
+    """Of each pair, (pairs, points), which of the `candidates` its points are, and whether there is a second point.
 
     The second is an end, apart from the first point, that would be deepest after the `rest` of the ways.
     """
@@ -208,8 +208,7 @@ def _features(there: Ends, ways: Ends, rest: PerMember) -> tuple[AnyArray, AnyAr
     beside = [jnp.abs(x - jnp.take_along_axis(x, nearest[None], 0))[1:] >= APART for x in (s, t)]
     counts = beside[0] | beside[1]
     second = 1 + jnp.argmin(jnp.where(counts, ends, jnp.inf), axis=0)
-    found = jnp.stack([jnp.ones_like(crosses), jnp.any(counts, axis=0)], axis=1)
-    return jnp.stack([nearest, second], axis=1), found
+    return jnp.stack([nearest, second], axis=1), jnp.any(counts, axis=0)
 
 
 def _chosen(ends: Ends, which: AnyArray) -> Share:
