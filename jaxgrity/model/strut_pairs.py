@@ -1,7 +1,7 @@
 """Struts that touch each other: where two of them are nearest, and the constraint that keeps them apart.
 
-The nearest points of two segments x(s) = a + s d and y(t) = c + t e are where both are perpendicular to x - y, or else
-one of them is an end, and the other the point of its segment that is nearest to it.
+Two segments are x(s) = a + s d and y(t) = c + t e. At the nearest points both are perpendicular to x - y. Else one of
+these points is an end of a segment.
 """
 
 from typing import ClassVar, NamedTuple
@@ -107,8 +107,10 @@ def difference(ends: Ends, share: Share) -> MemberVectors:
 
 
 def candidates(ends: Ends) -> tuple[list[Share], AnyArray]:
-    """The five places that may be nearest, where segments cross first, then at each end; and whether the first is on
-    both segments."""
+    """The five places that may be nearest, and whether the first of them is on both segments.
+
+    The first is where the segments cross. The others are at one end each.
+    """
     d, e, r = ends[1] - ends[0], ends[3] - ends[2], ends[0] - ends[2]
     dd, ee, de, dr, er = dot(d, d), dot(e, e), dot(d, e), dot(d, r), dot(e, r)
     level = dd * ee - de * de

@@ -66,11 +66,12 @@ def points_between(scene: Scene) -> int:
 def strut_contacts(scene: Scene, h: Scalar, start: State) -> StrutContacts | None:
     """The points of a step of h (s) from `start`, q, m, and v, m/s; None where no struts touch by impulses.
 
-    A pair in contact has the normal at the start of the step, and the distance where it is if it moves on without
-    coming nearer: so it ends the step in contact but for the third power of its way. A pair that arrives in the step
-    has the normal where it touches first, and any other that where it would end. All are found along the ways with the
-    velocities at the start. The second point is where the pair would then be nearest at the end of the step. If that is
-    the first one, it is an end of a strut that would come next.
+    A pair in contact has the normal at the start of the step. Its distance is that after the step, if it comes no
+    nearer. So it stays in contact to second order. A pair that arrives in the step has the normal where it touches
+    first. Any other pair has that at the end of its way. Ways are those with the velocities at the start.
+
+    The second point is where the pair would be nearest after the step. If that is the first point, it is an end of a
+    strut that would come next.
     """
     law = exact_strut_contact(scene)
     if law is None:
@@ -167,8 +168,7 @@ class _Plane(NamedTuple):
 def _kept(motion: tuple[Ends, Ends], there: Ends, share: PerMember, which: AnyArray) -> tuple[_Plane, Ends]:
     """The planes at the chosen `candidates` where the ends are `there`, after a `share` of their ways.
 
-    And the ends after the step if struts come no nearer at that place from there on: the distance is that to which they
-    follow each other.
+    And the ends after the step, if struts come no nearer at that place from there on. The distance is that of these.
     """
     ends, ways = motion
     at = _chosen(there, which)
