@@ -23,7 +23,7 @@ import numpy as np
 
 from jaxgrity.core.dense import least_solution
 from jaxgrity.core.primitives import edge_vectors, inverse, length
-from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, State
+from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, Scalar, State
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.constraints import GroundImpulses
 from jaxgrity.stepping.coupled_contacts import ContactProblem, as_impulses, solve_contacts
@@ -181,8 +181,8 @@ def solve_step(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> Imp
     return Impulses(w, f, p, found.error, found.stretch)
 
 
-def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[_Found, AnyArray, PerNode]:
-    """The solution, the directions J of the last round, and the roots of the masses that scale contacts."""
+def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[_Found, AnyArray, PerMember]:
+    """The solution, the directions J of the last round, and the roots of the masses that scale each contact."""
     dtype, nodes = problem.start.dtype, len(problem.start)
     free = response(problem, rows_of_struts(problem))[2]
     # scaled by what each node answers while struts keep their lengths, feet of a gramme and hulls of a kilogramme are
@@ -233,7 +233,7 @@ def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[
     return found, J, root_mass
 
 
-def _round(problem: Coupled, root_mass: PerNode, parts: Elimination, found: _Found) -> _Found:
+def _round(problem: Coupled, root_mass: PerMember, parts: Elimination, found: _Found) -> _Found:
     """Struts to their lengths, linearised about the present velocities, and the contacts solved with them."""
     w, acted = found.velocity, acted_on(problem, found.struts, jnp.zeros_like(found.trial))
     base: NodeVectors = acted

@@ -47,6 +47,7 @@ def crossing(gap: float = 0.05, touch: bool = True) -> Scene:
     return with_contact_between_struts(scene, R) if touch else scene
 
 
+@pytest.mark.slow
 def test_rods_that_meet_head_on_lose_what_a_plastic_impact_loses():
     """One impulse P at the point of contact changes each end's velocity by its share of P over its mass."""
     scene = crossing()
