@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges, Supports
-from jaxgrity.formats.mjcf_joints import Shared, outer_joints, points_of
+from jaxgrity.formats.mjcf_joints import Shared, outer_joints, own_nodes, points_of
 from jaxgrity.model.bodies import Bodies, Body, rigid_body
 from jaxgrity.model.structure import Members, edge_lengths
 
@@ -29,21 +29,20 @@ def carried(
     """Masses of nodes, supports, rods with their masses, and rigid bodies, of the nodes `at` and their carriers."""
     x, carrier = at
     mass, rods, rigid = np.zeros(len(x)), [], []
-    fixed = [(each.node, "xyz") for each in shared if 0 in each.bodies]
-    for body in sorted(set(carrier.tolist())):
-        own = np.flatnonzero(carrier == body)
+    fixed = [(node, "xyz") for node in points_of(shared, 0)]
+    for body in sorted({*carrier.tolist(), *(body for each in shared for body in each.bodies)}):
+        own = own_nodes(carrier, shared, body) if body else np.flatnonzero(carrier == 0)
         name = _name(model, body)
         joints = outer_joints(model, body)
         kinds = model.jnt_type[joints]
         if body == 0:
             fixed += [(int(node), "xyz") for node in own]
         elif own_joints := points_of(shared, body):
-            every = np.array([*own_joints, *sorted(set(own.tolist()) - set(own_joints))])
-            rigid.append(_as_body(_moments(model, data, body), name, every, x, own_joints))
+            rigid.append(_as_body(moments_of(model, data, body), name, own, x, own_joints))
         elif is_free(model, body) and len(own) > 2:
-            rigid.append(_as_body(_moments(model, data, body), name, own, x))
+            rigid.append(_as_body(moments_of(model, data, body), name, own, x))
         elif is_free(model, body):
-            found, shares = _as_rods(_moments(model, data, body), name, own, x, notes)
+            found, shares = _as_rods(moments_of(model, data, body), name, own, x, notes)
             rods += found
             mass[own] = shares
         elif len(own) == 1 and len(kinds) and np.all(kinds == mujoco.mjtJoint.mjJNT_SLIDE):
@@ -61,7 +60,7 @@ def rigid_bodies(
     """The bodies that no strut stands for: `solid`, with joints, of more than two nodes, heavier beside their line."""
     found = {body for each in shared for body in each.bodies if body}
     for body in found:
-        if not np.any(at[1] == body):
+        if len(own_nodes(at[1], shared, body)) < 2:
             raise InputError(f"body {_name(model, body)}: has a joint and no site; expected sites that say where it is")
     counted = np.unique(at[1], return_counts=True)
     for body, count in zip(*(each.tolist() for each in counted)):
@@ -81,7 +80,7 @@ def is_free(model: Any, body: int) -> bool:
 def _is_rod(model: Any, data: Any, body: int, at: tuple[np.ndarray, np.ndarray]) -> bool:
     """Whether point masses and a thin rod are as hard to turn."""
     try:
-        _as_rods(_moments(model, data, body), _name(model, body), np.flatnonzero(at[1] == body), at[0], [])
+        _as_rods(moments_of(model, data, body), _name(model, body), np.flatnonzero(at[1] == body), at[0], [])
     except InputError:
         return False
     return True
@@ -120,9 +119,7 @@ def _as_rods(
         )
     edges: Edges = ((int(own[0]), int(own[1])),)
     size = np.ptp(x[own], axis=0).max()
-    rows = [_moments_of(x[[n, n]] - centre, size) for n in own] + [
-        _moments_of(x[list(e)] - centre, size) for e in edges
-    ]
+    rows = [_of_rod(x[[n, n]] - centre, size) for n in own] + [_of_rod(x[list(e)] - centre, size) for e in edges]
     wanted = np.r_[1.0, np.zeros(3), (second / total / size**2)[np.triu_indices(3)]]
     columns, shares = np.array(rows).T, np.zeros(len(rows))
     for least in (0.0, LEAST_SHARE):
@@ -144,7 +141,7 @@ def _as_rods(
     return rods, shares[: len(own)] * total
 
 
-def _moments(model: Any, data: Any, body: int) -> tuple[float, np.ndarray, np.ndarray]:
+def moments_of(model: Any, data: Any, body: int) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass, centre, and the integral of d d' dm about it, of a body and of all that is welded to it."""
     welded = np.flatnonzero(model.body_weldid == body)
     m, at = model.body_mass[welded], data.xipos[welded]
@@ -157,7 +154,7 @@ def _moments(model: Any, data: Any, body: int) -> tuple[float, np.ndarray, np.nd
     return total, centre, second
 
 
-def _moments_of(ends: np.ndarray, size: float) -> np.ndarray:
+def _of_rod(ends: np.ndarray, size: float) -> np.ndarray:
     """(10,): mass, first and second moments of a thin rod of mass 1, lengths in units of `size`."""
     a, b = ends / size
     second = (2 * np.outer(a, a) + 2 * np.outer(b, b) + np.outer(a, b) + np.outer(b, a)) / 6

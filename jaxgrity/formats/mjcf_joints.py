@@ -18,6 +18,8 @@ mujoco: Any = lazy_loader.load("mujoco")
 APART = 1e-6
 """Largest distance between the two points of a joint at the start, in sizes of the model. For welds also the largest
 angle, rad, between the pose at the start and the pose that the weld holds."""
+NEAR = 0.1
+"""Sites on a hinge's axis closer than this share of a body's radius of gyration say too little where it turns."""
 
 
 class Joint(NamedTuple):
@@ -113,8 +115,7 @@ def joints_of(model: Any, data: Any, losses: Losses) -> list[Joint]:
             continue
         if model.body_jntnum[own] > 1:
             raise InputError(f"body {name_of(model, 'body', own)}: has several joints; expected one")
-        arm = np.sqrt(model.body_inertia[own].sum() / model.body_mass[own]) * data.xaxis[j] if hinge else np.zeros(3)
-        ends = (data.xanchor[j] - arm, data.xanchor[j] + arm) if hinge else (data.xanchor[j],)
+        ends = _along_hinge(model, data, j, {body, parent}) if hinge else (data.xanchor[j],)
         found += [Joint(x.copy(), _world_last(body, parent)) for x in ends]
     active = _active(model, data)
     found += [joint for e in active if (joint := _connected(model, data, e))]
@@ -122,6 +123,17 @@ def joints_of(model: Any, data: Any, losses: Losses) -> list[Joint]:
         losses.note(f"{len(found)} points of joints are rigid")
     _note_softness(model, data, active, losses)
     return found
+
+
+def _along_hinge(model: Any, data: Any, j: int, bodies: set[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Two points on the axis of a hinge: the outermost sites there of its bodies, or as far out as the mass is."""
+    own, axis, anchor = int(model.jnt_bodyid[j]), data.xaxis[j], data.xanchor[j]
+    arm = float(np.sqrt(model.body_inertia[own].sum() / model.body_mass[own]))
+    sites = data.site_xpos[np.isin(model.body_weldid[model.site_bodyid], sorted(bodies - {0}))] - anchor
+    along = sites @ axis
+    there = along[np.linalg.norm(sites - np.outer(along, axis), axis=1) <= APART * model.stat.extent]
+    low, high = (there.min(), there.max()) if np.ptp(there if len(there) else np.zeros(1)) > NEAR * arm else (-arm, arm)
+    return anchor + low * axis, anchor + high * axis
 
 
 def _world_last(one: int, other: int) -> tuple[int, int]:
@@ -173,6 +185,30 @@ class Shared(NamedTuple):
     bodies: tuple[int, int]
 
 
+def shared_nodes(
+    x: np.ndarray, carrier: np.ndarray, joints: list[Joint]
+) -> tuple[np.ndarray, np.ndarray, list[Shared]]:
+    """Nodes and carriers, with those of joints, and which these are: a node of such a body where one is there."""
+    within, shared = APART * float(np.ptp(x, axis=0).max()), []
+    for joint in joints:
+        there = np.flatnonzero(np.linalg.norm(x - joint.x, axis=1) <= within).tolist()
+        own = [k for k in there if set(joint.bodies) - {0} & {int(carrier[k]), *_bodies_at(shared, k)}]
+        if not own:
+            own, x, carrier = [len(x)], np.r_[x, joint.x[None]], np.r_[carrier, joint.bodies[0]]
+        shared.append(Shared(own[0], joint.bodies))
+    return x, carrier, shared
+
+
+def _bodies_at(shared: list[Shared], node: int) -> set[int]:
+    return {body for each in shared if each.node == node for body in each.bodies}
+
+
 def points_of(shared: list[Shared], body: int) -> list[int]:
     """The nodes of joints that a body shares with others, or with the world."""
-    return [each.node for each in shared if body in each.bodies]
+    return list(dict.fromkeys(each.node for each in shared if body in each.bodies))
+
+
+def own_nodes(carrier: np.ndarray, shared: list[Shared], body: int) -> np.ndarray:
+    """The nodes of a body, those of joints first."""
+    joined = points_of(shared, body)
+    return np.array([*joined, *(k for k in np.flatnonzero(carrier == body).tolist() if k not in joined)], int)

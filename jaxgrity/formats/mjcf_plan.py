@@ -1,6 +1,5 @@
 """What of a scene becomes rigid bodies, point masses and tendons in MuJoCo, and how its actuators are moved."""
 
-import math
 from typing import NamedTuple
 
 import jax
@@ -11,18 +10,15 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Times
 from jaxgrity.formats.compounds import bodies, is_rigid
 from jaxgrity.model.actuation import Gait, rest_length
+from jaxgrity.model.bodies import Bodies
 from jaxgrity.model.clusters import cables_of
 from jaxgrity.model.contact_twin import penalty_twin
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure
 
-THICKNESS = 0.01
-"""Radius of a rod over its length, for pictures and for its moment of inertia about its own axis."""
 RADIUS = 1e-3
-"""Radius of the spheres at nodes, m for a body of one metre, beyond that of balls. The ground lies lower by as much."""
-LARGEST_STEP = 2e-3
-"""Largest time step written to an MJCF file, s."""
+"""Radius of the spheres at nodes, m for a body of one metre."""
 
 
 class Plan(NamedTuple):
@@ -33,7 +29,7 @@ class Plan(NamedTuple):
     rigid: frozenset[int]
     """struts"""
     bodies: tuple[np.ndarray, ...]
-    """their nodes"""
+    """nodes of the bodies that struts form"""
     node_mass: np.ndarray
     """kg, without the rods of bodies"""
     actuated: tuple[int, ...]
@@ -41,7 +37,9 @@ class Plan(NamedTuple):
     balls: dict[int, float]
     """radius, m, of each node that can touch the ground"""
     radius: float
-    """m, by which the spheres at nodes are larger, and the ground lies lower"""
+    """m, of spheres at nodes without a ball"""
+    larger: float
+    """m, by which balls are larger, and the ground lies lower: 0 where each has a radius of its own"""
 
 
 @typed
@@ -88,10 +86,12 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
     actuated = actuated_members(structure, scene.gait)
     notes: list[str] = []
     mass, radius = np.asarray(structure.node_mass, float), RADIUS * float(length_scale(scene))
+    balls = _balls(scene)
+    touching = (balls, radius, 0.0 if balls and all(balls.values()) else radius)
     nodes, held = np.asarray(structure.nodes, float), {node for node, _ in structure.fixed}
     if struts is None:
         heavy = _with_halves(mass, structure.cables)
-        return Plan(structure, frozenset(), (), heavy, actuated, _balls(scene), radius), notes
+        return Plan(structure, frozenset(), (), heavy, actuated, *touching), _on_balls(balls, [], structure.bodies)
     rod = np.zeros(len(struts.edges)) if struts.mass is None else np.asarray(struts.mass, float)
     may = [
         k for k in range(len(rod)) if (struts.rigid or rod[k]) and k not in actuated and not held & {*struts.edges[k]}
@@ -118,10 +118,8 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
         notes.append("the mass of cables, and of struts that are springs there, is at their ends, half at each")
     mass = _with_halves(_with_halves(mass, kept), structure.cables)
     springs = Structure(nodes, np.ones(len(mass)), struts, structure.cables, fixed=structure.fixed)
-    balls = _balls(scene)
-    if any(balls.get(node) for body in found for node in body):
-        notes.append("balls at the ends of rods turn with these there, and slide here")
-    return Plan(springs, frozenset(rigid), tuple(found), mass, actuated, balls, radius), notes
+    notes += _on_balls(balls, found, structure.bodies)
+    return Plan(springs, frozenset(rigid), tuple(found), mass, actuated, *touching), notes
 
 
 def _balls(scene: Scene) -> dict[int, float]:
@@ -129,6 +127,12 @@ def _balls(scene: Scene) -> dict[int, float]:
     if balls is None:
         return dict.fromkeys(range(len(scene.structure.nodes)), 0.0)
     return dict(zip(balls.nodes, np.asarray(balls.radius, float).tolist()))
+
+
+def _on_balls(balls: dict[int, float], rods: list[np.ndarray], bodies: Bodies) -> list[str]:
+    thin = [*rods, *(body.points for body in bodies if len(body.basic) < 4)]
+    turning = any(balls.get(int(node)) for nodes in thin for node in nodes)
+    return ["balls at the ends of rods turn with these there, and slide here"] if turning else []
 
 
 def _has_mass(members: Members | None) -> bool:
@@ -148,46 +152,6 @@ def _with_halves(mass: np.ndarray, members: Members | None) -> np.ndarray:
         for ends in zip(*members.edges):
             np.add.at(found, list(ends), np.asarray(members.mass) / 2)
     return found
-
-
-def safe_step(plan: Plan) -> float:
-    """s: an eighth of the period of the stiffest node."""
-    pull, structure = np.zeros(len(plan.node_mass)), plan.structure
-    for members in (structure.struts, structure.cables):
-        if members is None or members.stiffness is None:
-            continue
-        for k, edge in enumerate(members.edges):
-            pull[list(edge)] += 0.0 if members is structure.struts and k in plan.rigid else members.stiffness[k]
-    whole = plan.node_mass.copy()
-    if plan.rigid and structure.struts is not None and structure.struts.mass is not None:
-        for k in plan.rigid:
-            whole[list(structure.struts.edges[k])] += structure.struts.mass[k] / 4
-    fastest = np.sqrt(np.max(2 * pull[whole > 0] / whole[whole > 0], initial=0))
-    return float(min(LARGEST_STEP, 2 * math.pi / fastest / 8 if fastest else LARGEST_STEP))
-
-
-def inertia_of(
-    x: np.ndarray, node_mass: dict[int, float], rods: list[tuple[tuple[int, int], float]]
-) -> tuple[float, np.ndarray, np.ndarray]:
-    """Mass (kg), centre (m) and moments of inertia (kg m^2, 3 x 3) about it of point masses and thin rods at `x`.
-
-    Of two nodes the moment about their own line is not 0 but that of a rod of `THICKNESS`.
-    """
-    mass = sum(node_mass.values()) + sum(m for _, m in rods)
-    ends = [(x[i], x[j], m) for (i, j), m in rods]
-    first = sum((m * x[n] for n, m in node_mass.items()), np.zeros(3)) + sum((m * (a + b) / 2 for a, b, m in ends), 0.0)
-    if not mass > 0:
-        raise InputError("a rigid body has no mass; expected some, for a free body of MuJoCo")
-    centre = first / mass
-    second = sum((m * np.outer(d, d) for d, m in ((x[n] - centre, m) for n, m in node_mass.items())), np.zeros((3, 3)))
-    for a, b, m in ((a - centre, b - centre, m) for a, b, m in ends):
-        second = second + m / 6 * (2 * np.outer(a, a) + 2 * np.outer(b, b) + np.outer(a, b) + np.outer(b, a))
-    inertia = np.trace(second) * np.eye(3) - second
-    if len(node_mass) == 2:
-        i, j = node_mass
-        d = x[j] - x[i]
-        inertia = inertia + mass / 2 * THICKNESS**2 * np.outer(d, d)
-    return mass, centre, inertia
 
 
 def amplitudes(gait: Gait | None) -> dict[int, float]:

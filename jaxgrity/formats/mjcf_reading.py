@@ -15,7 +15,7 @@ from jaxgrity.core.types import Edges
 from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses
 from jaxgrity.formats.mjcf_bodies import carried, is_free, rigid_bodies, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
-from jaxgrity.formats.mjcf_joints import Joint, Shared, joints_of, merge_welded, outer_joints
+from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, outer_joints, shared_nodes
 from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, name_of
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
 from jaxgrity.formats.mjcf_tendons import Spring, drag_of_sites, springs_of
@@ -95,7 +95,7 @@ def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
     x = nodes.x[used]
     carrier, found = nodes.carrier[used], None
     springs = [_along([place[merged[number[site]]] for site in each.path], each, x, carrier) for each in tendons]
-    x, carrier, shared = _with_joints(x, carrier, joints)
+    x, carrier, shared = shared_nodes(x, carrier, joints)
     if any(is_free(model, body) for body in carrier.tolist()):
         springs = _as_cables(springs, x, notes)
     pushing = [spring for spring in springs if spring.kind == "strut"]
@@ -103,7 +103,7 @@ def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
     solid = set(carrier.tolist()) if pushing else _crossed(springs, carrier)
     many = rigid_bodies(model, data, (x, carrier), shared, solid)
     if many:
-        found = touched_by_balls(model, data, (x, carrier), many, losses)
+        found = touched_by_balls(model, data, (x, carrier), shared, many, losses)
         x, carrier = np.concatenate([x, found.more]), np.r_[carrier, found.carrier]
         place |= {k: k for k in range(len(used), len(x))}
     masses, fixed, rods, rigid = carried(model, data, (x, carrier), shared, notes)
@@ -134,15 +134,6 @@ def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:
     elif names:
         losses.note(f"{len(names)} keyframes are not read: the robot starts where its bodies are placed")
     mujoco.mj_forward(model, data)
-
-
-def _with_joints(
-    x: np.ndarray, carrier: np.ndarray, joints: list[Joint]
-) -> tuple[np.ndarray, np.ndarray, list[Shared]]:
-    """Nodes and carriers, with those of joints, and which these are."""
-    shared = [Shared(len(x) + k, joint.bodies) for k, joint in enumerate(joints)]
-    x = np.concatenate([x, np.reshape([joint.x for joint in joints], (-1, 3))])
-    return x, np.r_[carrier, [joint.bodies[0] for joint in joints]].astype(int), shared
 
 
 def _nodes(model: Any, data: Any, sites: list[int], joined: set[int]) -> _Nodes:

@@ -7,9 +7,12 @@ import numpy as np
 
 from jaxgrity.formats.compounds import spanning_points
 from jaxgrity.formats.foreign import Losses
+from jaxgrity.formats.mjcf_bodies import moments_of
 from jaxgrity.formats.mjcf_contact import SAME_PLACE, GroundFound, Touching, is_within, lift_of, what_touches
+from jaxgrity.formats.mjcf_joints import Shared, own_nodes
 from jaxgrity.formats.mjcf_losses import name_of
 from jaxgrity.model.balls import Balls
+from jaxgrity.model.bodies import FLAT
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
 
@@ -17,7 +20,12 @@ mujoco: Any = lazy_loader.load("mujoco")
 
 
 def touched_by_balls(
-    model: Any, data: Any, at: tuple[np.ndarray, np.ndarray], many: list[int], losses: Losses
+    model: Any,
+    data: Any,
+    at: tuple[np.ndarray, np.ndarray],
+    shared: list[Shared],
+    many: list[int],
+    losses: Losses,
 ) -> GroundFound:
     """The plane, for the nodes and bodies `at`, of which `many` become rigid bodies: balls with radii of their own.
 
@@ -28,8 +36,9 @@ def touched_by_balls(
     within = SAME_PLACE * size
     plane, n, balls = what_touches(model, data, size, losses)
     found: dict[int, Touching] = {}
-    for ball in _outermost(model, [ball for ball in balls if ball.body in set(carrier.tolist()) - {0}], within, losses):
-        own = np.flatnonzero(carrier == ball.body)
+    known = {*carrier.tolist(), *many} - {0}
+    for ball in _outermost(model, [ball for ball in balls if ball.body in known], within, losses):
+        own = own_nodes(carrier, shared, ball.body)
         node = int(own[np.argmin(np.linalg.norm(x[own] - ball.centre, axis=1))])
         if np.linalg.norm(x[node] - ball.centre) > within:
             if ball.body not in many:
@@ -39,7 +48,10 @@ def touched_by_balls(
             node, x, carrier = len(x), np.r_[x, ball.centre[None]], np.r_[carrier, ball.body]
         found[node] = ball
     for body in many:
-        more = spanning_points(x[carrier == body])
+        # a flat body has its points in its plane
+        extents = np.linalg.eigvalsh(moments_of(model, data, body)[2])
+        flat = extents[0] <= FLAT * extents[-1]
+        more = np.zeros((0, 3)) if flat else spanning_points(x[own_nodes(carrier, shared, body)])
         x, carrier = np.r_[x, more], np.r_[carrier, np.full(len(more), body)]
     added = {"more": x[len(at[0]) :], "carrier": carrier[len(at[0]) :]}
     if plane is None or not found:

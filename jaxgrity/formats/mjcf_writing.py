@@ -1,21 +1,32 @@
 """Scenes as MuJoCo models (MJCF), and the controls by which a gait moves one."""
 
+import math
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
+from scipy.linalg import block_diag, eigh
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
-from jaxgrity.formats.foreign import add_element, refuse_bodies
-from jaxgrity.formats.mjcf_plan import THICKNESS, Plan, amplitudes, inertia_of, plan_of, safe_step
+from jaxgrity.formats.foreign import add_element
+from jaxgrity.formats.links import THICKNESS, WORLD, Joint, Link, axis_of, joints_between, links_of
+from jaxgrity.formats.mjcf_plan import Plan, amplitudes, plan_of
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.clusters import cables_of, nodes_along
 from jaxgrity.model.scene import Scene
 
 STRONGEST = 1e9
 """Limit of a cable's force in an MJCF file, N: no cable of a robot reaches it."""
+ROUNDING = 1e-13
+"""Share of a body's inertia that is added: MuJoCo refuses flat bodies of which rounding leaves less than flat. Thinner
+bars, in m, are not drawn."""
+LARGEST_STEP = 2e-3
+"""Largest time step written to an MJCF file, s."""
+CLOSED = [0.9999, 0.9999, 1e-3, 0.5, 2.0]
+"""`solimp` of what closes loops of joints, nearly rigid. Its time constant is two steps, the shortest in MuJoCo."""
 
 
 class MuJoCoModel(NamedTuple):
@@ -33,12 +44,13 @@ class MuJoCoModel(NamedTuple):
 def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, integrator: str = "RK4") -> MuJoCoModel:
     """Write a scene as a MuJoCo model.
 
-    Struts that are rigid, or have mass, are free bodies with their thin rods' moments of inertia; other nodes are point
-    masses on three slides. Cables, and struts that are springs, are spatial tendons between sites: a cable's spring
-    range is [0, L0], so that it only pulls. A cluster is one tendon over several sites. Members that the gait moves
-    have actuators on their tendons in place of springs. Their force is K (L0 + u - l) - c l', and cables only pull.
-    The control u is the change of rest length, m (`mjcf_controls`). Contact is MuJoCo's own, between nodes and the
-    plane.
+    Rigid bodies keep their mass, centre and inertia. Struts that are rigid or have mass are bodies with the inertia of
+    thin rods. One node of two bodies is a ball joint, and two nodes are a hinge. A support of a body is a joint on the
+    world. A loop of joints is closed by `connect`. Other nodes are point masses on three slides. Cables and springs are
+    spatial tendons between sites. A cable's spring range is [0, L0], so that it only pulls. A cluster is one tendon
+    over several sites. Members that the gait moves have actuators on their tendons in place of springs. Their force is
+    K (L0 + u - l) - c l', and cables only pull. The control u is the change of rest length, m (`mjcf_controls`).
+    Contact is MuJoCo's own, between nodes and the plane.
 
     Args:
         scene: the scene to write.
@@ -50,8 +62,8 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
         The model, with what MuJoCo has otherwise or not at all.
 
     Raises:
-        InputError: a rigid strut has to become a spring, and no gravity says how stiff one may be; or the scene has
-            motors.
+        InputError: a rigid strut has to become a spring, and no gravity says how stiff one may be; the scene has
+            motors; or a support holds a node of a rigid body along some axes only.
 
     Example:
         >>> model = jaxgrity.formats.save_mjcf(jaxgrity.load_scene("reference"), "my_robot.xml")
@@ -66,19 +78,19 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
 @typed
 def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = "RK4") -> MuJoCoModel:
     """What `save_mjcf` writes. Raises as it does."""
-    refuse_bodies(scene.structure, "MuJoCo models that are written")
     plan, notes = plan_of(scene)
+    links = links_of(plan, scene.structure.bodies)
+    held = _held(scene, links)
     root = ElementTree.Element("mujoco", model="jaxgrity")
     g = 0.0 if scene.gravity is None else float(scene.gravity)
-    step = safe_step(plan) if timestep is None else timestep
+    step = _safe_step(plan, links) if timestep is None else timestep
     up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)
     add_element(root, "option", timestep=step, integrator=integrator, gravity=(-g * up + 0.0).tolist(), cone="elliptic")
     world = add_element(root, "worldbody")
-    notes += _ground(world, scene, plan.radius)
+    notes += _ground(world, scene, plan.larger)
     drag = np.zeros(len(plan.node_mass)) if scene.node_damping is None else np.asarray(scene.node_damping, float)
-    in_bodies = {int(node) for nodes in plan.bodies for node in nodes}
-    for number, nodes in enumerate(plan.bodies):
-        _body(world, plan, nodes, number)
+    in_bodies = {node for link in links for node in link.nodes}
+    notes += _bodies(root, world, plan, links, held, step)
     for node in range(len(drag)):
         if node not in in_bodies:
             _point(world, plan, node, drag[node])
@@ -106,23 +118,59 @@ def _ground(world: ElementTree.Element, scene: Scene, radius: float) -> list[str
     return [f"contact is MuJoCo's own: soft, with its default stiffness, and with {which}"]
 
 
-def _body(world: ElementTree.Element, plan: Plan, nodes: np.ndarray, number: int) -> None:
-    """A free body at its centre of mass."""
-    struts, x = plan.structure.struts, np.asarray(plan.structure.nodes, float)
-    assert struts is not None, "a body is made of struts"
-    own = [k for k in sorted(plan.rigid) if struts.edges[k][0] in nodes]
-    rods = [(struts.edges[k], 0.0 if struts.mass is None else float(struts.mass[k])) for k in own]
-    mass, centre, inertia = inertia_of(x, {int(n): plan.node_mass[n] for n in nodes}, rods)
-    body = add_element(world, "body", name=f"body{number}", pos=centre)
-    add_element(body, "freejoint")
-    entries = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    add_element(body, "inertial", pos=[0.0, 0.0, 0.0], mass=mass, fullinertia=entries)
-    for k in own:
-        ends = x[list(struts.edges[k])] - centre
-        size = [THICKNESS * np.linalg.norm(ends[1] - ends[0])]
-        add_element(body, "geom", type="capsule", fromto=ends.ravel(), size=size, contype=0, conaffinity=0, mass=0)
-    for node in nodes:
-        _node(body, plan, int(node), x[node] - centre, 0.0)
+def _held(scene: Scene, links: list[Link]) -> set[int]:
+    """The nodes that supports hold. Raises `InputError` where one holds a node of a link along some axes only."""
+    free = scene.structure.free
+    for link in links:
+        for node in link.nodes:
+            if free[node].any() and not free[node].all():
+                axes = dict(scene.structure.fixed)[node]
+                raise InputError(
+                    f"node {node} belongs to a rigid body, and a support holds it along {axes} alone; expected a "
+                    "support in all directions, which becomes a joint of the MuJoCo model"
+                )
+    return set(np.flatnonzero(~free.any(1)).tolist())
+
+
+def _bodies(
+    root: ElementTree.Element, world: ElementTree.Element, plan: Plan, links: list[Link], held: set[int], step: float
+) -> list[str]:
+    """Bodies in bodies, with a joint at the nodes that they share; loops of joints are closed by `connect`."""
+    x, parts = np.asarray(plan.structure.nodes, float), {WORLD: world}
+    drawn: set[int] = set()
+    joints, loops = joints_between(links, held)
+    for joint in joints:
+        link = links[joint.link]
+        origin = np.zeros(3) if joint.parent == WORLD else links[joint.parent].centre
+        body = parts[joint.link] = add_element(parts[joint.parent], "body", name=link.name, pos=link.centre - origin)
+        _joint(body, joint, links, x)
+        inertia = link.inertia + ROUNDING * np.trace(link.inertia) * np.eye(3)
+        entries = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+        add_element(body, "inertial", pos=[0.0, 0.0, 0.0], mass=link.mass, fullinertia=entries)
+        for start, end in link.bars:
+            ends, size = np.r_[start, end] - np.r_[link.centre, link.centre], THICKNESS * np.linalg.norm(end - start)
+            if size > ROUNDING:
+                add_element(body, "geom", type="capsule", fromto=ends, size=[size], contype=0, conaffinity=0, mass=0)
+        for node in link.nodes:
+            if node not in drawn:
+                _node(body, plan, node, x[node] - link.centre, 0.0)
+                drawn.add(node)
+    closed = add_element(root, "equality") if loops else root
+    stiff = {"solref": [2 * step, 1.0], "solimp": CLOSED}
+    for node, one, other in loops:
+        second = {} if other == WORLD else {"body2": links[other].name}
+        add_element(closed, "connect", body1=links[one].name, **second, anchor=x[node] - links[one].centre, **stiff)
+    return [f"{len(loops)} points of joints close loops, and give way there a little"] if loops else []
+
+
+def _joint(body: ElementTree.Element, joint: Joint, links: list[Link], x: np.ndarray) -> None:
+    if not joint.nodes:
+        add_element(body, "freejoint")
+        return
+    axis, at = axis_of(joint, links, x), x[joint.nodes[0]] - links[joint.link].centre
+    if axis is not None:
+        turns = {"type": "hinge", "axis": axis} if axis.any() else {"type": "ball"}
+        add_element(body, "joint", **turns, pos=at)
 
 
 def _point(world: ElementTree.Element, plan: Plan, node: int, drag: float) -> None:
@@ -138,8 +186,9 @@ def _point(world: ElementTree.Element, plan: Plan, node: int, drag: float) -> No
 
 
 def _node(body: ElementTree.Element, plan: Plan, node: int, at: np.ndarray, mass: float) -> None:
-    size, touches = plan.radius + plan.balls.get(node, 0.0), int(node in plan.balls)
-    add_element(body, "geom", size=[size], pos=at, mass=mass, contype=touches, conaffinity=0)
+    touches = node in plan.balls
+    size = plan.larger + plan.balls[node] if touches else plan.radius
+    add_element(body, "geom", size=[size], pos=at, mass=mass, contype=int(touches), conaffinity=0)
     add_element(body, "site", name=f"n{node}", pos=at)
 
 
@@ -193,3 +242,22 @@ def _drag_on_bodies(root: ElementTree.Element, drag: dict[int, float]) -> None:
             gear = [*np.eye(3)[axis], 0.0, 0.0, 0.0]
             bias = {"biastype": "affine", "biasprm": [0.0, 0.0, -c], "gainprm": 0.0}
             add_element(actuators, "general", name=f"drag{node}{'xyz'[axis]}", site=f"n{node}", gear=gear, **bias)
+
+
+def _safe_step(plan: Plan, links: list[Link]) -> float:
+    """s: an eighth of the period of the stiffest node or body, with all springs of a node along each direction."""
+    x, pull, structure = np.asarray(plan.structure.nodes, float), np.zeros(len(plan.node_mass)), plan.structure
+    for members in (structure.struts, structure.cables):
+        if members is None or members.stiffness is None:
+            continue
+        for k, edge in enumerate(members.edges):
+            pull[list(edge)] += 0.0 if members is structure.struts and k in plan.rigid else members.stiffness[k]
+    alone = np.setdiff1d(np.flatnonzero(plan.node_mass), [node for link in links for node in link.nodes])
+    squares = list(pull[alone] / plan.node_mass[alone])
+    for link in links:
+        nodes, turned = list(link.nodes), np.cross(np.eye(3)[:, None], x[list(link.nodes)] - link.centre)
+        moved = np.r_[np.broadcast_to(np.eye(3)[:, None], turned.shape), turned]  # (motions, nodes, 3)
+        K = np.einsum("anx,n,bnx->ab", moved, pull[nodes], moved)
+        squares.append(eigh(K, block_diag(link.mass * np.eye(3), link.inertia), eigvals_only=True)[-1])
+    fastest = math.sqrt(2 * max(squares, default=0))
+    return float(min(LARGEST_STEP, 2 * math.pi / fastest / 8 if fastest else LARGEST_STEP))

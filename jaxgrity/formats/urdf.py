@@ -2,7 +2,6 @@
 
 import dataclasses
 from pathlib import Path
-from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,31 +9,16 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.formats.foreign import add_element
+from jaxgrity.formats.links import THICKNESS, Link, links_of
 from jaxgrity.formats.matlab import beside_the_structure
-from jaxgrity.formats.mjcf_plan import THICKNESS, Plan, inertia_of, plan_of
+from jaxgrity.formats.mjcf_plan import Plan, plan_of
 from jaxgrity.formats.spreadsheets import KINDS, cell, save_rows
 from jaxgrity.io.files import write_whole
-from jaxgrity.model.bodies import Body, body_moments
 from jaxgrity.model.scene import Scene
 
 ENDS = tuple(f"{end}_{what}" for end in ("first", "second") for what in ("link", "x_m", "y_m", "z_m"))
 SPRINGS = ("kind", *ENDS, "rest_length_m", "stiffness_N_per_m", "damping_N_s_per_m")
 WORLD = "world"
-
-
-class Link(NamedTuple):
-    """One free body."""
-
-    name: str
-    nodes: tuple[int, ...]
-    mass: float
-    """kg"""
-    centre: np.ndarray
-    """m: centre of mass, and origin of the link's frame"""
-    inertia: np.ndarray
-    """kg m^2, (3, 3), about the centre"""
-    bars: tuple[tuple[np.ndarray, np.ndarray], ...]
-    """ends, m, of bars that show the body"""
 
 
 @typed
@@ -54,7 +38,8 @@ def save_urdf(scene: Scene, path: str | Path) -> tuple[str, ...]:
         raise InputError(f"{path}: members {list(structure.driven)} have motors, which URDF lacks; expected a gait")
     plan, notes = plan_of(dataclasses.replace(scene, gait=None))
     x = np.asarray(structure.nodes, float)
-    links = _links(plan, structure.bodies, x)
+    links = links_of(plan, structure.bodies)
+    links += _points(plan, x, {node for link in links for node in link.nodes})
     places = {node: (WORLD, np.zeros(3)) for node in range(len(x)) if not structure.free[node].any()}
     for link in links:
         for node in link.nodes:
@@ -77,31 +62,16 @@ def save_urdf(scene: Scene, path: str | Path) -> tuple[str, ...]:
     moved = scene.gait is not None and any(k in plan.rigid for k in scene.gait.members)
     return (
         f"cables and spring struts are in {table.name}: URDF has none, and your program applies their forces",
-        f"nodes that touch the ground are spheres there, {plan.radius * 1e3:.3g} mm larger than here",
+        f"nodes that touch the ground are spheres there, {plan.larger * 1e3:.3g} mm larger than here",
         *notes,
         *(["rigid struts that the gait moves keep their lengths there"] if moved else []),
         *beside_the_structure(scene),
     )
 
 
-def _links(plan: Plan, bodies: tuple[Body, ...], x: np.ndarray) -> list[Link]:
-    found: list[Link] = []
-    for body in bodies:
-        mass, centre, inertia = (np.asarray(part, float) for part in body_moments(body, x))
-        if len(body.basic) == 2:
-            d = x[body.basic[1]] - x[body.basic[0]]
-            inertia = inertia + float(mass) / 2 * THICKNESS**2 * np.outer(d, d)
-        bars = tuple((centre, x[node]) for node in body.points)
-        found.append(Link(f"body{len(found)}", body.points, float(mass), centre, inertia, bars))
-    struts = plan.structure.struts
-    for nodes in plan.bodies:
-        assert struts is not None, "such a body is made of struts"
-        own = [k for k in sorted(plan.rigid) if struts.edges[k][0] in nodes]
-        rods = [(struts.edges[k], 0.0 if struts.mass is None else float(struts.mass[k])) for k in own]
-        moments = inertia_of(x, {int(node): plan.node_mass[node] for node in nodes}, rods)
-        bars = tuple((x[i], x[j]) for (i, j), _ in rods)
-        found.append(Link(f"body{len(found)}", tuple(int(node) for node in nodes), *moments, bars))
-    inside = {node for link in found for node in link.nodes}
+def _points(plan: Plan, x: np.ndarray, inside: set[int]) -> list[Link]:
+    """The nodes that are not `inside` a body, nor held."""
+    found = []
     for node in np.flatnonzero(plan.structure.free.any(1)).tolist():
         if node not in inside:
             point = float(plan.node_mass[node])
@@ -127,7 +97,7 @@ def _write(root: ElementTree.Element, link: Link, plan: Plan, x: np.ndarray) -> 
     for node in sorted({*link.nodes} & {*plan.balls}):
         collision = add_element(part, "collision")
         add_element(collision, "origin", xyz=x[node] - link.centre)
-        add_element(add_element(collision, "geometry"), "sphere", radius=plan.radius + plan.balls[node])
+        add_element(add_element(collision, "geometry"), "sphere", radius=plan.larger + plan.balls[node])
     joint = add_element(root, "joint", name=f"{link.name}_free", type="floating")
     add_element(joint, "origin", xyz=link.centre)
     add_element(joint, "parent", link=WORLD)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, load_scene, parse_scene, save_scene
-from jaxgrity.formats import save_matlab, save_mjcf, save_tables
+from jaxgrity.formats import save_matlab, save_tables
 from jaxgrity.model import body_moments
 
 TEXT = """
@@ -71,7 +71,7 @@ def test_bad_tables_are_refused(old, new, words):
         parse_scene(TEXT.replace(old, new))
 
 
-@pytest.mark.parametrize("save", [save_matlab, save_tables, save_mjcf])
+@pytest.mark.parametrize("save", [save_matlab, save_tables])
 def test_files_without_bodies_refuse_them(save, tmp_path):
     """Rather than lose them."""
     with pytest.raises(InputError, match="hold no rigid bodies, and this has 2"):
