@@ -38,7 +38,7 @@ mu = 0.5
 GAIT = """
 [gait]
 members = "cables"
-amplitude = 0.1
+amplitude = 0.2
 frequency = 1.3
 phase = { seed = 1 }
 ramp = 0.1
@@ -139,15 +139,15 @@ def test_joints_and_supports_are_those_of_the_scene(closed, within):
 
 @pytest.mark.slow
 def test_a_gait_drives_hinges_as_in_the_scene():
-    """Two cables beside each hinge, which do not go slack: within 1e-6 m after 0.5 s, where it is bent by millimetres.
+    """Two cables beside each hinge, which do not go slack: within 1e-6 m after 0.5 s, where it is bent.
 
     MuJoCo holds a control for a whole step, so that its steps are small here.
     """
-    scene = parse_scene(ROBOT.format(kind="hinged_spine", tension=60) + GAIT)
+    scene = parse_scene(ROBOT.format(kind="hinged_spine", tension=20) + GAIT)
     theirs, ours, _ = by_both(scene, 0.5, 2e-5, SolverOptions(method="rk4", dt=1e-4))
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
     moved = ours - scene.structure.nodes
-    assert np.linalg.norm(moved - moved.mean(0), axis=1).max() > 0.001
+    assert np.linalg.norm(moved - moved.mean(0), axis=1).max() > 5e-4
 
 
 @pytest.mark.slow
