@@ -124,7 +124,7 @@ def _describe_bodies(structure: Structure) -> list[tuple[str, str]]:
 
 def _describe_prestress(scene: Scene) -> list[tuple[str, str]]:
     structure = scene.structure
-    if structure.member_count == 0 or structure.bodies:  # statics knows none yet
+    if structure.member_count == 0 or structure.bodies:  # `inspect` reports on these
         return []
     if others := [term.name for term in scene.terms if isinstance(term, EnergyTerm)]:
         return [("prestress", f"not listed beside {', '.join(others)}; `resting_shape` knows all of U")]

@@ -16,7 +16,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors, PerMember
 from jaxgrity.model.bodies import Bodies, body_pairs, carrying, independent_nodes
 from jaxgrity.model.structure import edge_lengths
-from jaxgrity.statics.stiffness import Fixed, free_coordinates, incidence, rigid_motions
+from jaxgrity.statics.stiffness import Fixed, free_coordinates, free_motions, incidence, rigid_motions
 
 RANK = 1e-9
 """Singular values below this share of the largest count as zero."""
@@ -53,22 +53,29 @@ def stress_matrix(force_density: PerMember, edges: Edges, nodes: int) -> scipy.s
     return scipy.sparse.csc_array(C.T @ scipy.sparse.diags_array(np.asarray(force_density, float)) @ C)
 
 
-def statics_of(nodes: NodeVectors, edges: Edges, fixed: Fixed | None = None, tolerance: float = RANK) -> Statics:
+def statics_of(
+    nodes: NodeVectors,
+    edges: Edges,
+    fixed: Fixed | None = None,
+    tolerance: float = RANK,
+    bodies: Bodies = (),
+) -> Statics:
     """Rank, states of self-stress and mechanisms of bars between `nodes`, m, from the singular values of A.
 
-    `fixed` (nodes, 3): the coordinates held by supports. Singular values below `tolerance` times the largest count as
-    zero: the assumed exactness of the shape. A matrix of more than some thousand rows takes minutes.
+    `fixed` (nodes, 3): the coordinates held by supports. Rigid `bodies` carry any forces that balance on them: their
+    equations of equilibrium, of forces and moments, take the place of those of their nodes. Singular values below
+    `tolerance` times the largest count as zero: the assumed exactness of the shape. A matrix of more than some thousand
+    rows takes minutes.
     """
     x = np.asarray(nodes, float)
-    free = free_coordinates(len(x), fixed)
-    A = equilibrium_matrix(x, edges).toarray()[free]
+    place, free = free_motions(x, fixed, bodies), free_coordinates(len(x), fixed)
+    A = (place.T @ equilibrium_matrix(x, edges)).toarray()
     left, size, right = np.linalg.svd(A)
     rank = int(np.sum(size > tolerance * size.max(initial=0)))
-    rigid = rigid_motions(x, fixed)
+    rigid = place[free].T @ rigid_motions(x, fixed)
     soft = left[:, rank:]
     inner, _, _ = np.linalg.svd(soft - rigid @ (rigid.T @ soft), full_matrices=False)
-    mechanisms = np.zeros((soft.shape[1] - rigid.shape[1], x.size))
-    mechanisms[:, free] = inner[:, : len(mechanisms)].T
+    mechanisms = (place @ inner[:, : soft.shape[1] - rigid.shape[1]]).T
     return Statics(rank, right[rank:].T, mechanisms.reshape(-1, *x.shape), rigid.shape[1])
 
 

@@ -8,10 +8,10 @@ from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import NodeVectors, PerMember, PerRow
+from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerRow
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.springs import as_springs, check_no_bodies, spring_forces
+from jaxgrity.model.springs import as_springs, spring_forces
 from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.equilibrium import resting_shape
 from jaxgrity.statics.form_finding import Statics, prestress_stable, statics_of, super_stable
@@ -50,7 +50,7 @@ class StructureReport(NamedTuple):
     """whether the forces are a self-stress that stiffens every mechanism; None where they balance loads too, or there
     are neither forces nor mechanisms"""
     super_stable: bool | None
-    """likewise: whether it is stable for any stiffness"""
+    """likewise: whether it is stable for any stiffness; None where there are rigid bodies"""
     frequencies: PerRow
     """Hz, the lowest, of vibrations about `shape`"""
     loose: int
@@ -142,7 +142,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
     """Settle a structure and report on its statics: self-stress, mechanisms, forces, stability, frequencies.
 
     The report is of the structure itself: without ground, and without gravity unless there are supports. A rigid strut
-    is a very stiff spring here.
+    is a very stiff spring here. A rigid body is one unit: its six equations of equilibrium count, and its motions.
 
     Args:
         scene: the structure, with the scene's gravity where it has supports.
@@ -159,7 +159,6 @@ def inspect_structure(scene: Scene) -> StructureReport:
         (29, 1, 1)
     """
     structure = scene.structure
-    check_no_bodies(structure, "inspect")
     if structure.member_count == 0:
         raise InputError(
             "the structure has no members; expected struts or cables, with [struts] and [cables] in a scene file"
@@ -181,8 +180,9 @@ def inspect_structure(scene: Scene) -> StructureReport:
     edges = all_edges(structure)
     forces = _that_count(structure, member_forces(structure, shape))
     slides = structure.cables is not None and structure.cables.clusters
-    counted = None if slides or len(edges) > LARGEST else statics_of(shape, edges, structure.supported, EXACT)
-    density = forces / edge_lengths(shape, edges)
+    countable = not slides and len(edges) <= LARGEST
+    counted = statics_of(shape, edges, structure.supported, EXACT, structure.bodies) if countable else None
+    edges, density = _densities(structure, shape, forces)
     stressed = counted if counted and at_rest and not loaded and (forces.any() or len(counted.mechanisms)) else None
     modes = vibration_modes(alone, shape)
     return StructureReport(
@@ -194,10 +194,20 @@ def inspect_structure(scene: Scene) -> StructureReport:
         forces=forces,
         statics=counted,
         prestress_stable=prestress_stable(stressed.mechanisms, edges, density) if stressed else None,
-        super_stable=super_stable(shape, edges, density) if stressed else None,
+        super_stable=super_stable(shape, edges, density) if stressed and not structure.bodies else None,
         frequencies=np.asarray(modes.frequency),
         loose=modes.zero,
     )
+
+
+def _densities(structure: Structure, shape: NodeVectors, forces: PerMember) -> tuple[Edges, PerMember]:
+    """The members and their force densities, N/m, and after them the pairs of nodes that keep rigid bodies in shape."""
+    springs = as_springs(structure)[0].struts if structure.bodies else None
+    first = structure.first_cable
+    held = () if springs is None else springs.edges[first:]
+    edges = (*all_edges(structure), *held)
+    inside = np.zeros(0) if springs is None else spring_forces(springs, shape)[first:]
+    return edges, np.r_[forces, inside] / edge_lengths(shape, edges)
 
 
 def _that_count(structure: Structure, forces: PerMember) -> PerMember:
@@ -216,9 +226,9 @@ def member_forces(structure: Structure, q: NodeVectors) -> PerMember:
     L has what motors wound before t = 0. Rigid struts count as very stiff springs. All segments of a cable that runs
     through several nodes have its tension.
     """
-    check_no_bodies(structure, "member_forces")
     refuse_traced((structure, q), "member_forces", "take `jax.grad` of the scene's potential_energy")
     springs = as_springs(structure)[0]
-    found = [spring_forces(springs.struts, q)] if springs.struts is not None else []
+    # after the struts come springs that stand for rigid bodies
+    found = [spring_forces(springs.struts, q)[: structure.first_cable]] if springs.struts is not None else []
     found += [np.maximum(spring_forces(springs.cables, q), 0)] if springs.cables is not None else []
     return np.concatenate(found)

@@ -10,20 +10,25 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from jaxtyping import Bool
+from scipy.linalg import null_space
+from scipy.sparse.csgraph import connected_components
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors
+from jaxgrity.model.bodies import Bodies
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.model.springs import as_springs, check_no_bodies
+from jaxgrity.model.springs import as_springs
 from jaxgrity.model.structure import Structure, member_vectors, onto_nodes
 
 Fixed = Bool[AnyArray, "nodes 3"]
 """Whether supports hold each coordinate of each node."""
 UNRESISTED = 1e-11
 """Stiffness of a rigid motion, as a share of the largest, that is an error of the shape and of arithmetic."""
+BENT = 1e-6
+"""Singular values below which a displacement leaves bodies rigid: shapes at rest are not exact."""
 SEPARABLE = 1e-6
 """Largest relative difference between the whole Hessian and one made of blocks."""
 
@@ -111,9 +116,9 @@ def tangent_of(scene: Scene) -> Callable[[NodeVectors], Tangent]:
 def sparse_mass_matrix(structure: Structure) -> sp.csc_array:
     """M, kg, (3 nodes, 3 nodes): the same as `inertia.mass_matrix`, for structures of any size.
 
-    Nodes are points; a member's mass m is spread along it, T = m/6 (v_p·v_p + v_p·v_q + v_q·v_q).
+    Nodes are points; a member's mass m is spread along it, T = m/6 (v_p·v_p + v_p·v_q + v_q·v_q). A rigid body's is at
+    its basic points.
     """
-    check_no_bodies(structure, "vibrations")
     nodes = len(structure.nodes)
     M = sp.diags_array(np.asarray(structure.node_mass, float))
     for mass, edges in structure.rod_masses:
@@ -121,6 +126,10 @@ def sparse_mass_matrix(structure: Structure) -> sp.csc_array:
         sixth = sp.diags_array(np.asarray(mass, float) / 6)
         # [[2, 1], [1, 2]] is what the sum of both ends has, and the identity once more
         M = M + joins.T @ sixth @ joins + sp.diags_array(joins.T @ sixth.diagonal())
+    for body in structure.bodies:
+        rows, columns = np.meshgrid(body.basic, body.basic, indexing="ij")
+        own = (np.asarray(body.matrix, float).ravel(), (rows.ravel(), columns.ravel()))
+        M = M + sp.csr_array(own, shape=(nodes, nodes))
     return sp.csc_array(sp.kron(M, sp.eye_array(3)))
 
 
@@ -150,6 +159,36 @@ def rigid_motions(q: NodeVectors, fixed: Fixed | None = None) -> np.ndarray:
         columns = columns @ rows[int(np.sum(size > 1e-9)) :].T
     basis, size, _ = np.linalg.svd(columns[free], full_matrices=False)
     return basis[:, size > 1e-9]
+
+
+def free_motions(q: NodeVectors, fixed: Fixed | None = None, bodies: Bodies = ()) -> sp.csc_array:
+    """(3 nodes, motions), orthonormal columns: the displacements at `q` that supports and rigid bodies allow.
+
+    To first order: each body moves and turns. Bodies that share nodes move together. Unit vectors where no body is.
+    """
+    x, free = np.asarray(q, float), np.zeros(np.size(q), bool)
+    free[free_coordinates(len(x), fixed)] = True
+    ends = tuple((body.points[0], node) for body in bodies for node in body.points)
+    joins = abs(incidence(ends, len(x)))
+    _, group = connected_components(joins.T @ joins, directed=False)
+    inside = np.zeros(len(x), bool)
+    inside[[node for _, node in ends]] = True
+    alone = np.flatnonzero(free & ~np.repeat(inside, 3))
+    blocks = [(alone, sp.eye_array(len(alone)))]
+    for number in np.unique(group[inside]):
+        own = np.flatnonzero((np.repeat(group, 3) == number) & free)
+        bent: list[np.ndarray] = []
+        for body in bodies:
+            if group[body.points[0]] == number:
+                rigid = rigid_motions(x[list(body.points)])
+                points = (3 * np.array(body.points)[:, None] + np.arange(3)).ravel()
+                # what of a displacement of its points is no rigid motion
+                bent.append((np.eye(len(points)) - rigid @ rigid.T) @ (points[:, None] == own))
+        if len(own):
+            blocks.append((own, null_space(np.concatenate(bent), rcond=BENT)))
+    rows = np.concatenate([own for own, _ in blocks])
+    motions = sp.coo_array(sp.block_diag([columns for _, columns in blocks]))
+    return sp.csc_array((motions.data, (rows[motions.row], motions.col)), shape=(x.size, motions.shape[1]))
 
 
 def unresisted_motions(scene: Scene, q: NodeVectors, K: sp.csc_array) -> np.ndarray:

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sp
 from jaxtyping import Float
 
 from jaxgrity.core.arguments import check_count, check_each
@@ -14,6 +15,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.statics.spectrum import Spectrum
 from jaxgrity.statics.stiffness import (
     free_coordinates,
+    free_motions,
     sparse_mass_matrix,
     stiffness_matrix,
     unresisted_motions,
@@ -59,7 +61,7 @@ def vibration_modes(scene: Scene, q: NodeVectors | None = None, count: int | Non
 
     For many nodes a sparse solver finds only the lowest modes (shift and invert; ARPACK). Rigid motions that nothing
     resists are taken out beforehand, so that slow or unstable modes show. Rigid struts are stiff springs here: the
-    modes that change their lengths are the highest, and have no meaning.
+    modes that change their lengths are the highest, and have no meaning. Rigid bodies move and turn alone.
 
     Args:
         scene: members, supports and masses, at rest at `q` and t = 0. Damping is left out.
@@ -84,15 +86,14 @@ def vibration_modes(scene: Scene, q: NodeVectors | None = None, count: int | Non
     check_each("q", q, shape=np.shape(scene.structure.nodes))
     if count is not None:
         check_count("count", count, 1)
-    free, spectrum = _spectrum(scene, q)
-    real = free.size - spectrum.rigid.shape[1]
-    wanted = min(real, count if count is not None else (real if free.size <= DENSE else LOWEST))
-    dense = free.size <= DENSE or wanted + spectrum.rigid.shape[1] > free.size // 3
+    place, spectrum = _spectrum(scene, q)
+    size = place.shape[1]
+    real = size - spectrum.rigid.shape[1]
+    wanted = min(real, count if count is not None else (real if size <= DENSE else LOWEST))
+    dense = size <= DENSE or wanted + spectrum.rigid.shape[1] > size // 3
     squares, x, rounding, zero, growing = (_all_modes if dense else _lowest_modes)(spectrum, wanted)
-    shapes = np.zeros((len(squares), q.size))
-    shapes[:, free] = x.T
     frequency = np.sqrt(np.where(squares > rounding, squares, 0)) / (2 * np.pi)
-    return Modes(frequency, shapes.reshape(-1, *q.shape), growing, zero)
+    return Modes(frequency, (place @ x).T.reshape(-1, *q.shape), growing, zero)
 
 
 class FrequencyRange(NamedTuple):
@@ -110,9 +111,9 @@ def frequency_range(scene: Scene, q: NodeVectors, unreal: int = 0) -> FrequencyR
     """What `vibration_modes` finds of a structure of any size; without the `unreal` highest modes, those of springs in
     the place of rigid struts."""
     scene = with_spring_struts(scene)
-    free, spectrum = _spectrum(scene, np.asarray(q, float))
-    real = free.size - spectrum.rigid.shape[1] - unreal
-    if free.size <= DENSE:
+    place, spectrum = _spectrum(scene, np.asarray(q, float))
+    real = place.shape[1] - spectrum.rigid.shape[1] - unreal
+    if place.shape[1] <= DENSE:
         squares, _, rounding, _, _ = _all_modes(spectrum, real + unreal)
         found = np.sqrt(squares[:real][squares[:real] > rounding]) / (2 * np.pi)
         return FrequencyRange(real - len(found), *(map(float, (found[0], found[-1])) if len(found) else (np.nan,) * 2))
@@ -124,12 +125,13 @@ def frequency_range(scene: Scene, q: NodeVectors, unreal: int = 0) -> FrequencyR
     return FrequencyRange(zero, *(float(np.sqrt(square)) / (2 * np.pi) for square in ends))
 
 
-def _spectrum(scene: Scene, q: np.ndarray) -> tuple[np.ndarray, Spectrum]:
-    """The numbers of the free coordinates, and stiffness, mass and rigid motions in these."""
-    free = free_coordinates(len(q), scene.structure.supported)
-    K = stiffness_matrix(scene, q)[free][:, free]
-    M = sparse_mass_matrix(scene.structure)[free][:, free]
-    return free, Spectrum(K, M, unresisted_motions(scene, q, K))
+def _spectrum(scene: Scene, q: np.ndarray) -> tuple[sp.csc_array, Spectrum]:
+    """The free motions as columns, and stiffness, mass and rigid motions in these."""
+    structure = scene.structure
+    place, free = free_motions(q, structure.supported, structure.bodies), free_coordinates(len(q), structure.supported)
+    K, M = stiffness_matrix(scene, q), sparse_mass_matrix(structure)
+    rigid = place[free].T @ unresisted_motions(scene, q, K[free][:, free])
+    return place, Spectrum(*(sp.csc_array(place.T @ x @ place) for x in (K, M)), rigid)
 
 
 Found = tuple[np.ndarray, np.ndarray, float, int, int]

@@ -1,0 +1,102 @@
+"""Rigid bodies in statics: the same counts, forces and modes as with trusses of struts in their places."""
+
+import itertools
+
+import numpy as np
+import pytest
+import scipy
+
+from jaxgrity import Scene, Structure, parse_scene
+from jaxgrity.model import rigid_body
+from jaxgrity.statics import inspect_structure, member_forces, statics_of
+
+SPINE = """
+[structure]
+kind = "tetrahedral_spine"
+vertebrae = 2
+mass = 0.8
+prestress = 40.0
+[struts]
+rigid = true
+[cables]
+stiffness = 2000.0
+"""
+NODES = np.random.default_rng(4).normal(size=(12, 3))
+TRUSSES = {
+    "two of five nodes, and a rod": ((0, 1, 2, 3, 4), (5, 6, 7, 8, 9), (10, 11)),
+    "a ball joint": ((0, 1, 2, 3, 4), (4, 5, 6, 7, 8), (9, 10, 11)),
+    "a hinge": ((3, 4, 0, 1, 2), (3, 4, 5, 6, 7), (7, 8, 9), (10, 11)),
+}
+
+
+def body_of(points: tuple[int, ...], basic: tuple[int, ...]):
+    """Four nodes or more with an inertia, three as a plate, two as a rod."""
+    x = NODES[list(points)] - NODES[list(points)].mean(0)
+    second = x.T @ x
+    return rigid_body(NODES, points, float(len(x)), np.trace(second) * np.eye(3) - second, basic=basic)
+
+
+def truss_of(points: tuple[int, ...]) -> list[tuple[int, int]]:
+    """Bars between all of the first four nodes, and from three of these to each other node: 3 n - 6."""
+    return [*itertools.combinations(points[:4], 2), *((k, node) for node in points[4:] for k in points[:3])]
+
+
+@pytest.mark.parametrize("held", [False, True], ids=["free", "on supports"])
+@pytest.mark.parametrize("groups", TRUSSES.values(), ids=TRUSSES)
+def test_counts_are_those_of_trusses(groups, held):
+    """States of self-stress, mechanisms and rigid motions, and the spaces that they span; rank less the trusses' bars.
+
+    Bars of one truss alone carry nothing; nor do members between nodes of one body act on anything else.
+    """
+    shared = [k for k in range(12) if sum(k in points for points in groups) > 1]
+    fixed = np.zeros((12, 3), bool)
+    fixed[[0, 6, 11]] = held * np.array([[1, 1, 1], [1, 0, 0], [0, 0, 1]])
+    basic = {*shared, *np.flatnonzero(fixed.any(1)).tolist()}
+    bodies = tuple(body_of(points, tuple(k for k in points if k in basic)) for points in groups)
+    bars = tuple(dict.fromkeys(bar for points in groups for bar in truss_of(points)))
+    cables = tuple(pair for pair in itertools.combinations(range(12), 2) if sum(pair) % 3 == 0 and pair not in bars)
+    ours, theirs = statics_of(NODES, cables, fixed, 1e-9, bodies), statics_of(NODES, (*bars, *cables), fixed, 1e-9)
+    assert (ours.rigid, ours.rank) == (theirs.rigid, theirs.rank - len(bars))
+    assert ours.self_stress.shape[1] == theirs.self_stress.shape[1] > 0
+    span = scipy.linalg.orth(theirs.self_stress[len(bars) :])
+    np.testing.assert_allclose(ours.self_stress @ ours.self_stress.T, span @ span.T, atol=1e-9)
+    few = cables[: len(cables) // 4]
+    ours, theirs = statics_of(NODES, few, fixed, 1e-9, bodies), statics_of(NODES, (*bars, *few), fixed, 1e-9)
+    flat = [each.mechanisms.reshape(-1, 36) for each in (ours, theirs)]
+    assert len(flat[0]) == len(flat[1]) > 0
+    np.testing.assert_allclose(flat[0].T @ flat[0], flat[1].T @ flat[1], atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def spine():
+    """A spine of trusses, and the same with each vertebra as a rigid body of the same point masses."""
+    scene = parse_scene(SPINE)
+    built = scene.structure
+    nodes = np.asarray(built.nodes)
+    own = [tuple(range(4 * k, 4 * k + 4)) for k in range(2)]
+    arms = [nodes[list(points)] - nodes[list(points)].mean(0) for points in own]
+    inertia = [0.1 * sum(r @ r * np.eye(3) - np.outer(r, r) for r in each) for each in arms]
+    bodies = tuple(rigid_body(nodes, points, 0.4, each) for points, each in zip(own, inertia))
+    return scene, Scene(Structure(nodes, np.zeros(8), cables=built.cables, bodies=bodies))
+
+
+@pytest.mark.slow
+def test_a_report_is_that_of_the_truss(spine):
+    """Counts, tensions, stability and frequencies, of all six modes that two bodies have beside rigid motions."""
+    theirs, ours = (inspect_structure(scene) for scene in spine)
+    counts = [[each.summary()[key] for key in ("states_of_self_stress", "mechanisms")] for each in (ours, theirs)]
+    assert counts[0] == counts[1]
+    assert ours.statics.rank == theirs.statics.rank - 12
+    assert (ours.at_rest, ours.stable, ours.loose) == (True, True, 0)
+    assert ours.prestress_stable == theirs.prestress_stable
+    assert ours.super_stable is None
+    np.testing.assert_allclose(ours.forces, theirs.forces[12:], rtol=1e-3)
+    assert ours.forces.max() == pytest.approx(40, rel=1e-3)
+    assert len(ours.frequencies) == 6
+    np.testing.assert_allclose(ours.frequencies, theirs.frequencies[:6], rtol=1e-3)
+
+
+def test_forces_of_members_alone(spine):
+    """Of cables beside bodies: the springs that stand for bodies are not among them."""
+    theirs, ours = (member_forces(scene.structure, scene.structure.nodes) for scene in spine)
+    np.testing.assert_array_equal(ours, theirs[12:])
