@@ -131,7 +131,7 @@ def _spectrum(scene: Scene, q: np.ndarray) -> tuple[sp.csc_array, Spectrum]:
     place, free = free_motions(q, structure.supported, structure.bodies), free_coordinates(len(q), structure.supported)
     K, M = stiffness_matrix(scene, q), sparse_mass_matrix(structure)
     rigid = place[free].T @ unresisted_motions(scene, q, K[free][:, free])
-    return place, Spectrum(*(sp.csc_array(place.T @ x @ place) for x in (K, M)), rigid)
+    return place, Spectrum(sp.csc_array(place.T @ K @ place), sp.csc_array(place.T @ M @ place), rigid)
 
 
 Found = tuple[np.ndarray, np.ndarray, float, int, int]
