@@ -26,8 +26,6 @@ LARGEST = 500_000
 class Settings:
     notebooks: Annotated[tuple[Path, ...], tyro.conf.Positional] = ()
     """those to run; without any, all in notebooks/ whose stored outputs are not of the code that is in them"""
-    quick: bool = False
-    """it takes what the notebooks take: a minute or two each"""
 
 
 def main(settings: Settings) -> None:

@@ -9,12 +9,11 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
+from driven import ENOUGH, PART, drops
 from pages import columns
-from scipy.spatial.transform import Rotation
 
 from jaxgrity import (
     Differences,
@@ -27,15 +26,8 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
-from jaxgrity.model import body_length
 from jaxgrity.orbits import distance_from_orbit, find_orbit
 
-SPEED, SPIN = 1.0, 2.0
-"""m/s and rad/s, standard deviations of the components of the velocity and of the spin at the start"""
-PART = 5.0
-"""s, over each of which speeds are measured"""
-ENOUGH = 0.85
-"""share of the orbit's speed, in the last part, from which on a robot counts as rolling"""
 NEAR = 0.05
 """body lengths, by which heights of nodes and distances between them may differ from the orbit's at most"""
 
@@ -67,7 +59,6 @@ def basin(
         row = {"gait": name, "contact": where, "own": contact == "own", "speed": orbit.speed, **told(rolling)}
         near = distance_from_orbit(scene, orbit, ends) <= NEAR * orbit.body_length
         yield {**row, "on_the_orbit": float(near.mean()), "shares": rolling.mean(0)}
-    return {"robots": robots}
 
 
 def told(rolling: np.ndarray) -> dict[str, Any]:
@@ -95,18 +86,6 @@ def dropped(scene: Scene, robots: int, duration: float, seed: int) -> tuple[np.n
     return speeds, np.asarray(outcomes.positions, float)
 
 
-def drops(scene: Scene, robots: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions, m, and velocities, m/s, (robots, nodes, 3), of robots in the air: rigid motions, any way up."""
-    draw = np.random.default_rng(seed)
-    mass, x = np.asarray(scene.structure.lumped_mass, float), np.asarray(scene.structure.nodes, float)
-    body = x - mass @ x / mass.sum()
-    turned = np.einsum("rij,nj->rni", Rotation.random(robots, rng=draw).as_matrix(), body)
-    height = draw.uniform(0, float(body_length(scene)), robots)
-    q = turned - turned[:, :, 2].min(1)[:, None, None] * [0, 0, 1] + height[:, None, None] * [0, 0, 1]
-    spin = draw.normal(0, SPIN, (robots, 1, 3))
-    return q, draw.normal(0, SPEED, (robots, 1, 3)) + np.cross(spin, turned)
-
-
 @basin.table
 def words(record: Record) -> str:
     """How many robots roll, after a while and in the end."""
@@ -121,18 +100,16 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@basin.figure
-def figure(record: Record) -> Figure:
+@basin.figure(6, 3.5)
+def figure(record: Record, chart: Figure) -> None:
     """The share of robots that roll, over time."""
     shares = {f"{row['gait']}, {row['contact']}": np.asarray(row["shares"]) for row in record["rows"]}
-    chart = Figure(figsize=(6, 3.5), layout="constrained")
     axes = chart.subplots()
     for name, share in shares.items():
         times = PART * np.arange(len(share) + 1)
         axes.stairs(100 * share, times, label=name, baseline=None, linewidth=1.8)
     axes.set(xlabel="time since the drop (s)", ylabel="robots that roll (%)", ylim=(0, 103))
     axes.legend()
-    return chart
 
 
 if __name__ == "__main__":

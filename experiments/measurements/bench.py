@@ -13,13 +13,12 @@ from pathlib import Path
 from jaxgrity.cli.script import measured, run
 
 import numpy as np
-from engines import Engine, Others, engines, seconds_of
-from matplotlib.figure import Figure
+from engines import Engine, engines, seconds_of
+from pages import columns
 from tqdm import tqdm
 
 from jaxgrity import load_scene, random_phases
 from jaxgrity.io.files import save_json
-from jaxgrity.report import plot
 
 STEPS = {"rk4": 5e-4, "complementarity": 5e-3, "limit": 5e-4, "exact": 5e-3, "mujoco Euler": 1e-3}
 """s; engines without one here are left out"""
@@ -36,7 +35,7 @@ class Settings:
     repeats: int = 5
     """rounds; the median counts of those of each, in which an engine is timed for a fifth of a second"""
     out: Path = Path("results/bench")
-    """folder for bench.json and bench.png"""
+    """folder for bench.json"""
     quick: bool = False
     """an eighth of the time, two rounds"""
 
@@ -46,10 +45,10 @@ def main(settings: Settings) -> None:
     if settings.quick:
         settings.duration, settings.repeats = settings.duration / 8, 2
     scenes = {name: load_scene(name) for name in ("reference", "exact")}
-    others = Others(util.find_spec("mujoco") is not None, False)
     tasks: list[Engine] = []
+    mujoco = util.find_spec("mujoco") is not None
     for count in settings.gaits:
-        chosen = engines(scenes, random_phases(count, 6, seed=0), settings.duration, others)
+        chosen = engines(scenes, random_phases(count, 6, seed=0), settings.duration, mujoco)
         tasks += [each for each in chosen if each.name in STEPS and (each.gaits == count or count == settings.gaits[0])]
     first = [engine.roll(STEPS[engine.name])[1] for engine in tqdm(tasks, desc="compiling", unit="run")]
     rounds = [
@@ -65,10 +64,7 @@ def main(settings: Settings) -> None:
     facts = {"processor": processor(), "versions": versions, "duration": settings.duration, "rows": rows}
     save_json(settings.out / "bench.json", {**measured(), **facts})
     print(table(facts))
-    plot.save(figure(facts), settings.out / "bench.png")
-    print(
-        f"wrote {settings.out}/bench.json and bench.png ({time.perf_counter() - began:.0f} s since this command began)"
-    )
+    print(f"wrote {settings.out}/bench.json ({time.perf_counter() - began:.0f} s since this command began)")
     print(
         "To send it in, open an issue of the project with this table and bench.json; it says nothing but what it shows."
     )
@@ -107,38 +103,18 @@ def processor() -> str:
 
 def table(facts: dict) -> str:
     """In Markdown, to be read and to be pasted."""
-    columns = (
-        "engine, precision, gaits, step (s), us for a step of a gait, rollouts of 10 s a second, times C, compiled (s)"
-    )
-    lines = [f"| {columns.replace(', ', ' | ')} |", "|" + "---|" * 8]
-    for r in facts["rows"]:
-        times = "-" if r["times_C"] is None else f"{r['times_C']:.1f}"
-        lines.append(
-            f"| {r['engine']} | {r['dtype']} | {r['gaits']} | {r['dt']:g} | {r['us_per_step_and_gait']:.3f} | "
-            f"{r['rollouts_of_10_s_per_second']:.0f} | {times} | {r['compile_seconds']:.1f} |"
-        )
+    cells = {
+        "engine": "{engine}",
+        "precision": "{dtype}",
+        "gaits": "{gaits}",
+        "step (s)": "{dt:g}",
+        "us for a step of a gait": "{us_per_step_and_gait:.3f}",
+        "rollouts of 10 s a second": "{rollouts_of_10_s_per_second:.0f}",
+        "times C": lambda row: "-" if row["times_C"] is None else f"{row['times_C']:.1f}",
+        "compiled (s)": "{compile_seconds:.1f}",
+    }
     versions = ", ".join(f"{name} {version}" for name, version in facts["versions"].items())
-    return "\n".join([*lines, f"\n{facts['processor']}, {measured()['cores']} cores; {versions}"])
-
-
-@plot.styled
-def figure(facts: dict) -> Figure:
-    """Time of a step and gait of every engine, side by side for the sizes of the population."""
-    chart = Figure(figsize=(8, 4), layout="constrained")
-    axes = chart.subplots()
-    sizes = list(dict.fromkeys(r["gaits"] for r in facts["rows"]))
-    names = list(dict.fromkeys(f"{r['engine']}\n{r['dtype']}" for r in facts["rows"]))
-    for k, size in enumerate(sizes):
-        heights = {
-            f"{r['engine']}\n{r['dtype']}": r["us_per_step_and_gait"] for r in facts["rows"] if r["gaits"] == size
-        }
-        places = np.arange(len(names)) + (k - (len(sizes) - 1) / 2) * 0.8 / len(sizes)
-        axes.bar(places, [heights.get(name, np.nan) for name in names], 0.8 / len(sizes), label=f"{size} gaits")
-    axes.set_xticks(range(len(names)), names, fontsize=8)
-    axes.set(yscale="log", ylabel="wall time a step and gait (us)", title=facts["processor"])
-    axes.grid(axis="y", alpha=0.3)
-    axes.legend()
-    return chart
+    return f"{columns(facts['rows'], cells)}\n\n{facts['processor']}, {measured()['cores']} cores; {versions}"
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 """Speed against error, everything side by side in one run: the library's methods, a plain NumPy loop, and, where they
-are there, hand-written C (if there is a compiler) and MuJoCo (--mujoco, the extra `peer`; --mjx, the extra `mjx`).
+are there, hand-written C (if there is a compiler) and MuJoCo (--mujoco, the extra `peer`).
 
 Each engine takes the same gaits on the same cores, in turn, round after round; the median counts. Each is measured
 against its own converged answer: the median over the gaits of the distance of the centres of mass at the end.
@@ -8,19 +8,17 @@ against its own converged answer: the median over the gaits of the distance of t
 import time
 from typing import NamedTuple
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import numpy_loop
-from engines import C_SWEEPS, Engine, Others, clock, engines, ours, seconds_of
-from matplotlib.figure import Figure
+from engines import C_SWEEPS, Engine, clock, engines, ours, seconds_of
 from pages import table
 from tqdm import tqdm
 
-from jaxgrity import InputError, Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
+from jaxgrity import Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
 from jaxgrity.populations import lanes_last, roll_out_lanes
 from jaxgrity.search import distance_and_gradient
 from jaxgrity.stepping import resolve
@@ -32,7 +30,6 @@ STEPS = {
     "exact": (3e-2, 2e-2, 1.4e-2, 1e-2, 8e-3, 5e-3, 2e-3, 1e-3),
     "mujoco Euler": (4e-3, 3e-3, 2e-3, 1e-3, 8e-4, 5e-4, 2e-4),
     "mujoco RK4": (1.4e-3, 1e-3, 5e-4, 2e-4),
-    "mujoco MJX Euler": (1e-3,),
 }
 """s"""
 CONVERGED = {"rk4": 5e-5, "complementarity": 1e-4, "limit": 5e-5, "exact": 5e-5, "mujoco": 5e-5}
@@ -64,13 +61,12 @@ class Point(NamedTuple):
     """wall time per gait and simulated second"""
     error: float
     """m"""
-    compile_seconds: float
 
 
 @measurement(
     page="performance.md",
     quick={"duration": 0.5, "repeats": 2, "steps": 1},
-    raw=("points", "numpy_off", "modes_apart"),
+    raw=("points", "numpy_off"),
     listed=False,
 )
 def benchmark(
@@ -79,7 +75,6 @@ def benchmark(
     repeats: int = 5,
     steps: int | None = None,
     mujoco: bool = False,
-    mjx: bool = False,
 ) -> Record:
     """Cost and error of every engine at every step.
 
@@ -89,20 +84,17 @@ def benchmark(
         repeats: rounds after a first that compiles; the median of them counts
         steps: how many of each engine's steps are measured, largest first; all where not given
         mujoco: measure MuJoCo too
-        mjx: measure MJX, MuJoCo written in JAX, beside it, on one core; goes with --mujoco
     """
-    if mjx and not mujoco:
-        raise InputError("--mjx goes beside --mujoco, whose converged answer it is measured against; expected both")
     scenes = {name: load_scene(name) for name in ("reference", "exact")}
     phases = random_phases(gaits, 6, seed=0)
-    chosen = engines(scenes, phases, duration, Others(mujoco, mjx))
+    chosen = engines(scenes, phases, duration, mujoco)
     tasks = [(engine, dt) for engine in chosen for dt in STEPS[engine.name][:steps]]
     # a few steps are a look at whether all of it works, for which coarser answers do
     truths = converged(chosen, 1 if steps is None else 4)
     points, agreement = measure(tasks, truths, duration, repeats)
     over_c, quoted = ratios(points), [point for point in points if QUOTED.get(point.engine) == point.dt]
     numpy_seconds, numpy_off = numpy_cost(scenes["reference"], phases[0])
-    gradient, apart = gradient_cost(scenes["reference"], phases[:64], duration / 2, repeats)
+    gradient = gradient_cost(scenes["reference"], phases[:64], duration / 2, repeats)
     return {
         "gaits": gaits,
         "duration": duration,
@@ -118,7 +110,6 @@ def benchmark(
         "rollouts_per_second": [{"error": target, "rates": rates(points, target, duration)} for target in TARGETS],
         "points": [point._asdict() for point in points],
         "numpy_off": numpy_off,
-        "modes_apart": apart,
     }
 
 
@@ -209,9 +200,7 @@ def measure(
         key = (engine.name, engine.dtype, dt)
         off = np.linalg.norm(first[key][0] - truths[engine.name.split()[0]], axis=1)
         error = float(np.median(np.where(np.isfinite(off), off, np.inf)))
-        median = float(np.median(seconds[key]))
-        per = engine.gaits * duration
-        points.append(Point(*key, median / per, error, max(0.0, first[key][1] - median)))
+        points.append(Point(*key, float(np.median(seconds[key])) / (engine.gaits * duration), error))
     same = [first.get((name, "float64", STEPS["rk4"][1])) for name in ("rk4", "limit")]
     return points, float(np.abs(same[0][0] - same[1][0]).max()) if all(same) else None
 
@@ -245,39 +234,24 @@ def rates(points: list[Point], target: float, duration: float) -> dict[str, floa
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def gradient_cost(scene: Scene, phases: np.ndarray, horizon: float, repeats: int) -> tuple[Record, float]:
-    """Time of the distance's gradient in all phases, by reverse and by forward mode, over that of the rollout alone;
-    and how far the two are apart, at most."""
+def gradient_cost(scene: Scene, phases: np.ndarray, horizon: float, repeats: int) -> Record:
+    """Time of the distance's gradient in all phases, by reverse mode, over that of the rollout alone."""
     options = resolve(scene, horizon, RK4, dtype="float64")
     scene = as_dtype(scene, "float64")
     gaits = jax.tree.map(jnp.asarray, gaits_of(scene.gait, phases))
-    count = phases.shape[1]
 
-    def ends(phase):
-        varied = eqx.tree_at(lambda g: g.phase, lanes_last(gaits), phase)
-        com_path, *_ = roll_out_lanes(scene, varied, None, jnp.asarray(horizon), options)
+    def ends():
+        com_path, *_ = roll_out_lanes(scene, lanes_last(gaits), None, jnp.asarray(horizon), options)
         return jnp.hypot(*(com_path[-1] - com_path[0])[:2])
 
-    def forward(phase):
-        tangents = jnp.broadcast_to(jnp.eye(count)[:, :, None], (count, *phase.shape))
-        return jax.lax.map(lambda tangent: jax.jvp(ends, (phase,), (tangent,))[1], tangents)
-
-    rollout = jax.jit(lambda: ends(gaits.phase.T))
-    modes = {
-        "reverse": jax.jit(lambda: distance_and_gradient(scene, gaits, horizon, options)[1]),
-        "forward": jax.jit(lambda: forward(gaits.phase.T).T),
-    }
-    values = {name: jax.block_until_ready(mode()) for name, mode in modes.items()}
-    alone = np.median([clock(rollout)[0] for _ in range(repeats + 1)][1:])
-    costs = {n: float(np.median([clock(m)[0] for _ in range(repeats)]) / alone) for n, m in modes.items()}
-    difference = float(jnp.abs(values["reverse"] - values["forward"]).max())
-    return {"phases": count, **costs}, difference
+    programs = jax.jit(ends), jax.jit(lambda: distance_and_gradient(scene, gaits, horizon, options)[1])
+    alone, reverse = (np.median([clock(each)[0] for _ in range(repeats + 1)][1:]) for each in programs)
+    return {"phases": phases.shape[1], "reverse": float(reverse / alone)}
 
 
-@benchmark.figure
-def figure(record: Record) -> Figure:
+@benchmark.figure(9, 4.8)
+def figure(record: Record, chart: Figure) -> None:
     """Error against wall time, a line for each engine and precision."""
-    chart = Figure(figsize=(9, 4.8), layout="constrained")
     axes, points = chart.subplots(), [Point(**point) for point in record["points"]]
     colours = {name: f"C{k}" for k, name in enumerate(STEPS)}
     for name, dtype in dict.fromkeys((p.engine, p.dtype) for p in points):
@@ -291,7 +265,6 @@ def figure(record: Record) -> Figure:
     axes.set(xlabel="wall time per gait and simulated second (s)", ylabel="median error of the last centre of mass (m)")
     axes.grid(alpha=0.3)
     axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
-    return chart
 
 
 if __name__ == "__main__":

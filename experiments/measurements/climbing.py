@@ -7,10 +7,9 @@ so that a robot that begins to slide, or turns round, is seen. With exact contac
 import itertools
 from collections.abc import Iterator
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 
 from jaxgrity import Differences, SolverOptions, contact_twin, gaits_of, load_gait, load_scene, simulate_population
@@ -52,7 +51,7 @@ def climbing(
             speed = (path[:, 1] - path[:, 2]) / (duration / 2)
             row[name] = np.where(np.asarray(found.failure) == 0, speed, 0.0).tolist()
         yield row
-    return {"friction": [float(own.friction.sliding_mu) * x for x in friction], "duration": duration}
+    return {"friction": [float(own.friction.sliding_mu) * x for x in friction]}
 
 
 @climbing.table
@@ -77,11 +76,10 @@ def steepest_climbed(rows: list[Record], way: str, k: int) -> str:
     return f"{climbed[-1]['slope']:g}°" if climbed else "none"
 
 
-@climbing.figure
-def figure(record: Record) -> Figure:
+@climbing.figure(8, 3.2)
+def figure(record: Record, chart: Figure) -> None:
     """Speed uphill against the slope, for each coefficient of friction."""
     rows, friction = record["rows"], record["friction"]
-    chart = Figure(figsize=(8, 3.2), layout="constrained")
     panes = chart.subplots(1, 2, sharey=True)
     for axes, name, title in zip(panes, ("own", "other"), ("exact contact", "penalty contact")):
         speeds = np.array([row[name] for row in rows])
@@ -91,7 +89,6 @@ def figure(record: Record) -> Figure:
         axes.set(title=title, xlabel="slope (degrees)")
     panes[0].set_ylabel("speed uphill (m/s)")
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside right upper")
-    return chart
 
 
 if __name__ == "__main__":

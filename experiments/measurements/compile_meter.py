@@ -1,9 +1,15 @@
-"""What a process waits for: programs that JAX traces, compiles or reads from its cache, and modules that it imports."""
+"""What a process waits for: programs that JAX traces, compiles or reads from its cache, and modules that it imports.
+
+As a command it runs a module or a script, and leaves that as JSON: `compile_meter.py REPORT.json PROGRAM [ARGUMENTS]`.
+"""
 
 import builtins
+import json
 import os
+import runpy
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 EVENTS = {
@@ -87,3 +93,21 @@ def covered(spans: list[tuple[float, float]]) -> float:
         total += max(0.0, end - max(start, last))
         last = max(last, end)
     return total
+
+
+def main(report: str, *program: str) -> None:
+    """The program ends as it would by itself; the report is left in any case."""
+    counter = Counter()
+    imports = Imports(counter)
+    sys.argv = list(program)
+    try:
+        if program[0].endswith(".py"):
+            runpy.run_path(program[0], run_name="__main__")
+        else:
+            runpy.run_module(program[0], run_name="__main__")
+    finally:
+        Path(report).write_text(json.dumps(counter.result() | {"imports": covered(imports.spans)}))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -19,7 +19,6 @@ def conformance(few: bool = False) -> Iterator[Record]:
     """
     for case in chain(statics_cases(few), dynamics_cases(few)):
         yield {**case._asdict(), "difference": case.ours - case.theirs}
-    return {}
 
 
 PRISMS = "prism of "

@@ -8,11 +8,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import equinox as eqx
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns
 from tqdm import tqdm
 
@@ -54,7 +53,7 @@ def continuation(gait: str = "straight", robots: int = 32, quick_values: bool = 
     for name, ways in ({"friction": (np.array([1.0, 0.9]),)} if quick_values else VALUES).items():
         each = [row for values in ways for row in followed(scene, own, name, tqdm(values, desc=name), robots)]
         yield {"quantity": name, **span(each), "each": each}
-    return {"gait": gait, "speed": own.speed, "body_length": own.body_length}
+    return {"speed": own.speed, "body_length": own.body_length}
 
 
 def span(every: list[Record]) -> Record:
@@ -162,12 +161,12 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@continuation.figure
-def figure(record: Record) -> Figure:
+@continuation.figure()
+def figure(record: Record, chart: Figure) -> None:
     """Of each quantity the speed in every one of the last periods, and the largest multiplier."""
     rows = [row | one for row in record["rows"] for one in row["each"]]
     names = list(dict.fromkeys(row["quantity"] for row in rows))
-    chart = Figure(figsize=(2.2 * len(names) + 0.6, 4.5), layout="constrained")
+    chart.set_size_inches(2.2 * len(names) + 0.6, 4.5)
     grid = chart.subplots(2, len(names), sharex="col", sharey="row", squeeze=False)
     for column, name in enumerate(names):
         mine = [row for row in rows if row["quantity"] == name]
@@ -189,7 +188,6 @@ def figure(record: Record) -> Figure:
     grid[1, 0].set(ylabel="largest multiplier")
     named = {label: line for axes in grid[0] for line, label in zip(*axes.get_legend_handles_labels())}
     chart.legend(named.values(), named, loc="outside upper right", ncols=2)
-    return chart
 
 
 if __name__ == "__main__":

@@ -11,19 +11,13 @@ All of it is done with the intact robot too, since a short search may find littl
 from collections.abc import Iterator
 from typing import Any
 
-from measurement import Record, measurement
+from measurement import Figure, Record, check_names, measurement
 
 import numpy as np
 from damage_recovery import SEARCHES, WAYS, Ways, damaged, known_gaits, plain_names, recover
-from matplotlib.figure import Figure
 from pages import table
 
-from jaxgrity import (
-    InputError,
-    SearchConfig,
-    gait_record,
-    load_scene,
-)
+from jaxgrity import SearchConfig, gait_record, load_scene
 from jaxgrity.model import symmetries
 
 ENOUGH = 0.7
@@ -56,24 +50,22 @@ def damage(
         images: of each gait of the library, how many are tried; all where not given
         seed: the same seed gives the same numbers
     """
-    if gait not in (plain := plain_names()):
-        raise InputError(f"gait = {gait!r}: unknown or with overtones; expected one of {', '.join(plain)}")
+    check_names("gait", (gait,), plain_names())
     scene = load_scene(gait_record(gait)["scene"])
     every, found = damaged(scene), {}
-    if unknown := [name for name in cases if name not in every]:
-        raise InputError(f"cases = {unknown}: unknown; expected some of {', '.join(every)}")
+    check_names("cases", cases, every)
     robots = {"intact": scene} | {name: every[name] for name in cases or every}
-    known = known_gaits(scene, symmetries(scene.structure)[:images])
+    library = known_gaits(scene, symmetries(scene.structure)[:images])
     configs = {way: SearchConfig(duration, population, (generations, 0), **SEARCHES[way]) for way in SEARCHES}
     for number, (name, robot) in enumerate(robots.items()):
-        found[name] = recover(scene, robot, (known, gait), configs, (seed, seed + number))
+        found[name] = recover(scene, robot, (library, gait), configs, (seed, seed + number))
         yield {"robot": name, **found[name]}
     intact = found.pop("intact")
     kinds = dict.fromkeys(name.split()[0] for name in found)  # cable, strut
     searched = population * (3 + generations)  # the first generation is four times as large
     counts = {kind: recovered(found, intact, kind) for kind in kinds}
     about = {"gait": gait, "enough": ENOUGH, "duration": duration, "population": population, "generations": generations}
-    gaits = {"as it was": 1, "library": len(known.names)} | dict.fromkeys(SEARCHES, searched)
+    gaits = {"as it was": 1, "library": len(library.names)} | dict.fromkeys(SEARCHES, searched)
     whole = {"intact": intact, "damaged": found, "recovered": counts}
     return {**about, "gaits": gaits, "rows": told(**whole), **whole}
 
@@ -151,11 +143,10 @@ def recovered(cases: dict[str, Ways], intact: Ways, kind: str) -> dict[str, Any]
     return {"cases": len(some), "best": of_best}
 
 
-@damage.figure
-def figure(record: Record) -> Figure:
+@damage.figure(10.5, 5)
+def figure(record: Record, chart: Figure) -> None:
     """Steady speed of each robot on each of the ways, and what counts as recovered."""
     robots, top = {"intact": record["intact"]} | record["damaged"], fastest(record["intact"])["own"]["mean"]
-    chart = Figure(figsize=(10.5, 5), layout="constrained")
     axes = chart.subplots()
     x, width = np.arange(len(robots)), 0.85 / len(WAYS)
     for k, way in enumerate(WAYS):
@@ -173,7 +164,6 @@ def figure(record: Record) -> Figure:
     title = "mean speed of perturbed robots, and its standard deviation"
     axes.set(xlim=(-0.5, len(x) - 0.5), ylim=(0, None), ylabel="steady speed (body lengths/s)", title=title)
     chart.legend(ncols=4, loc="outside lower center")
-    return chart
 
 
 if __name__ == "__main__":

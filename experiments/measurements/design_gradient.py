@@ -8,18 +8,16 @@ nothing to climb, and the table says so.
 """
 
 import json
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from design_space import HIGHEST, LOWEST, NAMES, Limits, designed, on_orbit
-from matplotlib.figure import Figure
 from pages import table
 from scipy.optimize import linprog
 from tqdm import tqdm
@@ -59,12 +57,12 @@ def design_gradient(
     begun = [row for row in known["rows"] if row["kind"] == "robot and gait" and (row["speed"] or 0) > 0]
     if not begun:
         raise InputError(f"{study}: no design that rolls; expected one to begin with")
-    began, exact = time.perf_counter(), with_gait(load_scene("exact"), load_gait("lasting"))
+    exact = with_gait(load_scene("exact"), load_gait("lasting"))
     limits = Limits(*known["limits"])
     for row in begun if last is None else begun[-last:]:
         x, power = np.log([row["factors"][name] for name in NAMES]), row["power"]
         yield {"power": power, "exact": row["speed"]} | climbed(exact, x, limits, power, steps, box)
-    return {"limits": list(limits), "minutes": (time.perf_counter() - began) / 60}
+    return {"limits": list(limits)}
 
 
 class Slopes(NamedTuple):
@@ -187,11 +185,10 @@ def told(found: Record) -> str:
     return f"{found['speed']:.3f}, {found['peak_power']:.0f} W" + ("" if found["settled"] else ", no orbit")
 
 
-@design_gradient.figure
-def figure(record: Record) -> Figure:
+@design_gradient.figure(11, 3.6)
+def figure(record: Record, chart: Figure) -> None:
     """What speed and power depend on in each design, and how the climbs went."""
     rows = record["rows"]
-    chart = Figure(figsize=(11, 3.6), layout="constrained")
     speed, power, climb = chart.subplots(1, 3)
     some = [row for row in rows if row["each"] and "slopes" in row]  # a record that keeps no steps is refused
     for k, row in enumerate(some):
@@ -209,7 +206,6 @@ def figure(record: Record) -> Figure:
     climb.set(xlabel="steps kept", ylabel="steady speed (m/s)", ylim=(0, None), title="Penalty contact")
     climb.xaxis.get_major_locator().set_params(integer=True)
     chart.legend(*speed.get_legend_handles_labels(), title="power allowed", loc="outside right upper")
-    return chart
 
 
 if __name__ == "__main__":

@@ -132,7 +132,6 @@ def on_orbit(scene: Scene, x: np.ndarray) -> dict[str, Any]:
         "strut_force": cycle.peak_force * float(longest(x)) ** 2,
         "cable_force": float(np.max(cables)),
         "peak_power": cycle.peak_power,
-        "peak_rate": cycle.peak_rate,
         "cost_of_transport": cycle.cost_of_transport,
         "factors": dict(zip(NAMES, np.exp(x))),
     }

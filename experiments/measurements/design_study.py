@@ -10,11 +10,10 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Any, NamedTuple
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
 from design_space import GAIT_ALONE, HIGHEST, LOWEST, NAMES, Limits, Tried, keeps, on_orbit, tried
-from matplotlib.figure import Figure
 from pages import table
 from tqdm import tqdm
 
@@ -110,7 +109,7 @@ def first_verified(scene: Scene, archive: Tried, limits: Limits, power: float) -
             break
         found = on_orbit(scene, archive.x[k])
         if keeps(found, limits, power):
-            return found | {"searched": float(archive.speed[k])}
+            return found
     return {"speed": None}
 
 
@@ -142,11 +141,10 @@ def words(record: Record) -> str:
     return "\n\n".join([table(head, rows), table(numbers, designs), about])
 
 
-@design_study.figure
-def figure(record: Record) -> Figure:
+@design_study.figure(11, 3.6)
+def figure(record: Record, chart: Figure) -> None:
     """Speed and cost of transport over the power that an actuator may give, and the designs."""
     rows = record["rows"]
-    chart = Figure(figsize=(11, 3.6), layout="constrained")
     speed, cost, design = chart.subplots(1, 3)
     found = [row for row in rows if rolls(row)]
     for kind, look in zip(KINDS, ("s", "o-")):
@@ -171,7 +169,6 @@ def figure(record: Record) -> Figure:
         axes.set_ylim(0, 1.08 * axes.get_ylim()[1])  # room for a mark at the top
     speed.legend()
     design.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return chart
 
 
 if __name__ == "__main__":

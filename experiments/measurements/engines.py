@@ -30,15 +30,8 @@ class Engine(NamedTuple):
     gaits: int
 
 
-class Others(NamedTuple):
-    """What is measured beside the library's methods."""
-
-    mujoco: bool
-    mjx: bool
-
-
-def engines(scenes: dict[str, Scene], phases: np.ndarray, duration: float, others: Others) -> list[Engine]:
-    """All that can run here."""
+def engines(scenes: dict[str, Scene], phases: np.ndarray, duration: float, mujoco: bool) -> list[Engine]:
+    """All that can run here, MuJoCo if it is asked for."""
     found, count = [], len(phases)
     for dtype in ("float32", "float64"):
         for method, scene in (("rk4", scenes["reference"]), ("complementarity", scenes["exact"])):
@@ -48,13 +41,10 @@ def engines(scenes: dict[str, Scene], phases: np.ndarray, duration: float, other
                 program = programs / f"{name}{dtype[-2:]}"
                 roll = partial(theirs, program, scene, phases, duration, sweeps)
                 found.append(Engine(name, dtype, roll, count))
-    if others.mujoco:
+    if mujoco:
         for integrator in ("Euler", "RK4"):
             roll = partial(mujoco_roll, scenes["reference"], phases[:FEW], duration, integrator)
             found.append(Engine(f"mujoco {integrator}", "float64", roll, min(FEW, count)))
-    if others.mujoco and others.mjx:
-        roll = partial(mujoco_roll, scenes["reference"], phases[:FEW], duration, "MJX Euler")
-        found.append(Engine("mujoco MJX Euler", "float32", roll, min(FEW, count)))
     return found
 
 
@@ -81,12 +71,9 @@ def theirs(program: Path, scene: Scene, phases, duration: float, sweeps, dt: flo
 
 
 def mujoco_roll(scene: Scene, phases, duration: float, integrator: str, dt: float) -> tuple[np.ndarray, float]:
-    from mujoco_peer import roll, roll_mjx
+    from mujoco_peer import roll
 
-    if integrator.startswith("MJX"):
-        positions, seconds = roll_mjx(scene, phases, duration, dt, integrator.split()[1])
-    else:
-        positions, seconds = roll(scene, phases, duration, dt, integrator, threads=jax.device_count())
+    positions, seconds = roll(scene, phases, duration, dt, integrator, threads=jax.device_count())
     mass = np.asarray(scene.structure.node_mass)
     return np.einsum("n,gnk->gk", mass / mass.sum(), positions), seconds
 

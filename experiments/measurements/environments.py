@@ -4,15 +4,14 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from measurement import Record, measurement
+from measurement import Record, check_names, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns
 
-from jaxgrity import InputError, SolverOptions, load_scene
+from jaxgrity import SolverOptions, load_scene
 from jaxgrity.control import TASKS, Environment, environment
 
 DEFAULTS = "double precision, 5 ms"
@@ -31,15 +30,12 @@ def environments(
         robots: side by side
         seed: of starts and actions
     """
-    unknown = sorted(set(tasks) - set(TASKS))
-    if unknown:
-        raise InputError(f"tasks = {unknown}: unknown; expected some of {', '.join(TASKS)}")
+    check_names("tasks", tasks, TASKS)
     for task in tasks:
         options = SolverOptions(dt=0.01, dtype="float32")
         yield {"task": task} | timed(environment(task, load_scene("exact"), options=options), steps, robots, seed)
     defaults = environment(tasks[0], load_scene("exact"))
     yield {"task": f"{tasks[0]}, {DEFAULTS}"} | timed(defaults, max(robots, steps // 10), robots, seed)
-    return {"robots": robots}
 
 
 def timed(env: Environment, steps: int, robots: int, seed: int) -> dict[str, Any]:
@@ -75,7 +71,6 @@ def timed(env: Environment, steps: int, robots: int, seed: int) -> dict[str, Any
         "not_finite": int(sum(bad for bad, _, _ in found)),
         "failed": int(sum(failed for _, failed, _ in found)),
         "repeated": bool(np.array_equal(first[2], found[0][2])),
-        "reward": float(np.mean([reward for _, _, reward in found])),
     }
 
 
@@ -92,19 +87,6 @@ def words(record: Record) -> str:
         "numbers that are not finite": "{not_finite}",
     }
     return columns(record["rows"], cells)
-
-
-@environments.figure
-def figure(record: Record) -> Figure:
-    """Steps a second for each task."""
-    rows = record["rows"]
-    chart = Figure(figsize=(5, 0.5 * len(rows) + 1.5), layout="constrained")
-    axes = chart.subplots()
-    axes.barh([row["task"] for row in rows], [row["steps"] / row["seconds"] / 1000 for row in rows], height=0.6)
-    axes.set(xlabel="environment steps a second (thousands)")
-    axes.grid(axis="y", visible=False)
-    axes.invert_yaxis()
-    return chart
 
 
 if __name__ == "__main__":

@@ -11,11 +11,10 @@ depends on the order; a rigid one takes it at once. Without friction it goes.
 from collections.abc import Callable, Iterator
 from typing import Literal
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import equinox as eqx
 import numpy as np
-from matplotlib.figure import Figure
 from pages import short, table
 
 from jaxgrity import Members, PenaltyGround, Scene, SmoothFriction, SolverOptions, load_scene, simulate, with_gait
@@ -147,10 +146,9 @@ def compare(law: Callable, exact: Scene, values: tuple[float, ...], duration: fl
     }
 
 
-@equivalence.figure
-def figure(record: Record) -> Figure:
+@equivalence.figure(10, 4)
+def figure(record: Record, chart: Figure) -> None:
     """Distance between the models against stiffness, and penetration at rest against m g / (n k_n)."""
-    chart = Figure(figsize=(10, 4), layout="constrained")
     apart, deep = chart.subplots(1, 2)
     for each, marker in zip(record["rows"], "o^s"):
         row = each["every"]
@@ -166,7 +164,6 @@ def figure(record: Record) -> Figure:
     deep.loglog(*zip(*known), "k-", lw=0.8, label="m g / (n k_n), at rest")
     deep.set(xlabel="k_n (N/m)", ylabel="depth in the ground (m)")
     deep.legend()
-    return chart
 
 
 if __name__ == "__main__":

@@ -7,11 +7,10 @@ rollout at a step 16 times smaller.
 from collections.abc import Iterator
 from itertools import product
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import equinox as eqx
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns
 
 from jaxgrity import Scene, SolverOptions, gaits_of, load_scene, random_phases, simulate_population, verify
@@ -45,7 +44,6 @@ def error_bars(
             "bars": bars,
             "errors": errors,
         }
-    return {"seed": seed}
 
 
 def bars_and_errors(
@@ -82,11 +80,11 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@error_bars.figure
-def figure(record: Record) -> Figure:
+@error_bars.figure()
+def figure(record: Record, chart: Figure) -> None:
     """Bar against true error, a panel for each case: below the line the bar is too short."""
     rows = record["rows"]
-    chart = Figure(figsize=(8.5, 3.6 * -(-len(rows) // 2)), layout="constrained")
+    chart.set_size_inches(8.5, 3.6 * -(-len(rows) // 2))
     for axes, row in zip(chart.subplots(-(-len(rows) // 2), 2).flat, rows):
         errors, bars = np.asarray(row["errors"]), np.asarray(row["bars"])
         short = bars < errors
@@ -98,7 +96,6 @@ def figure(record: Record) -> Figure:
         axes.legend(fontsize="small")
         axes.set(xlabel="true error (m)", ylabel="error bar (m)")
         axes.set_title(f"{row['scene']}, {row['duration']:g} s: {row['covered']:.0%} covered")
-    return chart
 
 
 if __name__ == "__main__":

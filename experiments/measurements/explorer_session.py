@@ -19,7 +19,7 @@ PATIENCE = 300.0
 """s, for a single rollout"""
 
 
-@measurement(page="seeing.md", quick={"rollouts": 40, "duration": 2.0}, raw=("megabytes",))
+@measurement(page="seeing.md", quick={"rollouts": 40, "duration": 2.0})
 def explorer_session(scene: str = "exact", duration: float = 10.0, rollouts: int = 500) -> Record:
     """Move sliders over and over, as somebody would who waits for each rollout and its error bar.
 
@@ -60,12 +60,10 @@ def session(page: Page, rollouts: int) -> dict:
     return {
         "rollouts": rollouts,
         "megabytes_settled": settled,
-        "megabytes_at_the_end": sizes[-1],
         "largest_growth": max(later) / settled - 1,
         "median_answer": float(np.median(answers)),
         "slowest_answer": max(answers),
         "compiled_later": len(compiled) - early,
-        "megabytes": sizes[:: max(1, rollouts // 50)],
     }
 
 

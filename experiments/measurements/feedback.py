@@ -13,19 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from basin import ENOUGH, PART, drops
-from matplotlib.figure import Figure
+from driven import ENOUGH, PART, RATE, bounded, dropped_loop, drops
 from pages import table
 
 from jaxgrity import (
     Differences,
     Scene,
-    SolverOptions,
     as_dtype,
     bumps,
     contact_twin,
@@ -37,15 +35,12 @@ from jaxgrity import (
 from jaxgrity.control import (
     Drive,
     Loop,
-    MotorLimits,
     PhaseLocked,
     Plant,
     Sensors,
     Task,
     drive,
     ground_of,
-    loop_start,
-    plant_of,
     side_by_side,
     simulate_policy,
     sure_footed,
@@ -63,8 +58,6 @@ BUMPS, LENGTH = 0.02, 0.8
 SLOPE = 5.0
 """degrees"""
 POLICIES = ("open loop", "feedback", "sure-footed")
-RATE = 1.2
-"""Rate of the motors, m/s."""
 
 
 class Dropped(NamedTuple):
@@ -98,7 +91,7 @@ def feedback(
     """
     own = with_gait(load_scene("exact"), load_gait("lasting"))
     speed, many = float(gait_record("lasting")["steady"]["speed"]), Dropped(robots, seed)
-    plant = plant_with(own if contact == "exact" else contact_twin(own), RATE)
+    plant = bounded(own if contact == "exact" else contact_twin(own))
     there = dropped(plant, many)
     for cases in (
         as_it_is(plant, many, speed, there),
@@ -150,13 +143,6 @@ def keep_replay(plant: Plant, many: Dropped, path: Path) -> None:
     view.keep_html(motions[0].scene, motions[0], path, others=others, title=", ".join(POLICIES))
 
 
-def plant_with(scene: Scene, rate: float) -> Plant:
-    """The robot with motors of a rate, m/s."""
-    options = SolverOptions(dt=0.01 if scene.constrained else None, dtype="float32")
-    motors = MotorLimits(rate=rate if math.isfinite(rate) else None)
-    return plant_of(scene, load_gait("lasting").members, motors=motors, options=options)
-
-
 Cases = Iterator[tuple[str, dict[str, dict[str, float]]]]
 """the name of each case, and of all policies the share of robots that roll, and their mean speed, m/s"""
 
@@ -184,9 +170,9 @@ def late(plant: Plant, many: Dropped, speed: float, delays: tuple[float, ...]) -
 
 def on_other_ground(plant: Plant, many: Dropped, speed: float, there: Drive) -> Cases:
     """Bumps, a slope from the start on, and ground that begins to lean."""
-    rough = plant_with(_on_bumps(plant.scene, many.seed), RATE)
+    rough = bounded(_on_bumps(plant.scene, many.seed))
     yield f"bumps of {100 * BUMPS:.0f} cm", _told(dropped(rough, many), speed)
-    steep = plant_with(ground_of(Task("uphill", incline=np.radians(SLOPE)), plant.scene, seed=0), RATE)
+    steep = bounded(ground_of(Task("uphill", incline=np.radians(SLOPE)), plant.scene, seed=0))
     yield f"slope of {SLOPE:.0f} degrees, any way", _told(dropped(steep, many), speed)
     rolled, ahead = _speeds(there) >= ENOUGH * speed, _moved(there) / (np.linalg.norm(_moved(there), axis=0) + 1e-9)
     for name, sign in (("up", 1.0), ("down", -1.0)):
@@ -200,7 +186,10 @@ def with_motors(plant: Plant, many: Dropped, speed: float, rates: tuple[float, .
     for rate in rates:
         motors = f"motors of {rate:g} m/s" if math.isfinite(rate) else "unbounded motors"
         for name, scene in scenes.items():
-            yield f"{name}, {motors}", _told(dropped(plant_with(scene, rate), many), speed)
+            yield (
+                f"{name}, {motors}",
+                _told(dropped(bounded(scene, rate), many), speed),
+            )
 
 
 def _on_bumps(scene: Scene, seed: int) -> Scene:
@@ -226,11 +215,9 @@ def dropped(plant: Plant, many: Dropped, friction: np.ndarray | None = None) -> 
     plants = side_by_side(plant, every, Differences(friction=np.ones(every) if friction is None else friction))
     ground = plant.scene.ground
     height = np.array([0, 0, 4 * BUMPS if ground.surface is not None else 0.6 * np.tan(ground.incline)])
-    q, v = (np.tile(x, (len(POLICIES), 1, 1)) for x in drops(plant.scene, count, many.seed))
-    start = np.moveaxis(q + height, 0, -1), np.moveaxis(v, 0, -1)
+    q, v = drops(plant.scene, count, many.seed)
     policy = _policy(count)
-    loop = loop_start(plants, policy, jax.random.key(many.seed), start, each=True)
-    return _driven(plants, policy, loop)
+    return _driven(plants, policy, dropped_loop(plants, policy, (q + height, v), len(POLICIES), many.seed))
 
 
 def pushed(plant: Plant, many: Dropped, loop: Loop) -> Drive:
@@ -292,10 +279,9 @@ def _told(
     }
 
 
-@feedback.figure
-def figure(record: Record) -> Figure:
+@feedback.figure(6.5, 7)
+def figure(record: Record, chart: Figure) -> None:
     """The share of robots that roll in every case."""
-    chart = Figure(figsize=(6.5, 7), layout="constrained")
     axes = chart.subplots()
     for k, policy in enumerate(POLICIES):
         own = [row for row in record["rows"] if row["policy"] == policy]
@@ -306,7 +292,6 @@ def figure(record: Record) -> Figure:
     axes.grid(axis="y", visible=False)
     axes.invert_yaxis()
     chart.legend(loc="outside upper right", ncols=3)
-    return chart
 
 
 if __name__ == "__main__":

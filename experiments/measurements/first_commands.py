@@ -19,7 +19,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from measurement import Record, measurement
+from measurement import Record, check_names, measurement
 
 from pages import table
 
@@ -50,9 +50,7 @@ def first_commands(commands: tuple[str, ...] = tuple(COMMANDS)) -> Iterator[Reco
     Args:
         commands: names of those that are measured
     """
-    unknown = set(commands) - set(COMMANDS)
-    if unknown:
-        raise InputError(f"commands = {sorted(unknown)}: expected names among {list(COMMANDS)}")
+    check_names("commands", commands, COMMANDS)
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for name in commands:
@@ -105,7 +103,7 @@ def measure(name: str, place: Path) -> dict:
     terminal, inside = pty.openpty()  # as a user has it: what is printed comes out at once
     termios.tcsetwinsize(inside, (24, 100))  # without a width, no progress bar would be shown
     child = subprocess.Popen(
-        [sys.executable, HERE / "metered.py", report, *program],
+        [sys.executable, HERE / "compile_meter.py", report, *program],
         cwd=place,
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE.parents[1]), *sys.path]), **kept},
         stdin=subprocess.DEVNULL,

@@ -9,25 +9,20 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from basin import drops
-from matplotlib.figure import Figure
-from obstacles import bounded
+from driven import bounded, drops, straight_on
 from pages import table
 
-from jaxgrity import as_dtype, bumps, contact_twin, load_gait, load_scene
+from jaxgrity import as_dtype, bumps, contact_twin, load_scene
 from jaxgrity.control import (
     REACHED,
-    PhaseLocked,
     Plant,
     Sampling,
-    Steered,
     Task,
-    centre_offsets,
     drive,
     ground_of,
     lead_to,
@@ -80,7 +75,7 @@ def goals(
     usual, rows = Sampling(samples=samples, patience=patience), []
     for number, trial in enumerate(drawn_trials(ground, trials, twin, seed)):
         sampling = usual._replace(seed=number)
-        found = lead_to(trial.robot, trial.model, feedback(), GOAL, start=trial.start, sampling=sampling)
+        found = lead_to(trial.robot, trial.model, straight_on(), GOAL, start=trial.start, sampling=sampling)
         path = found.path[::10, :2]
         row = {"friction": trial.friction, "closest": float(np.linalg.norm(path - GOAL, axis=1).min()), "path": path}
         row |= {name: getattr(found, name) for name in ("reached", "seconds", "real_time")}
@@ -133,12 +128,6 @@ def drawn_trials(ground: str, count: int, twin: bool, seed: int) -> Iterator[Tri
         yield Trial(robot, model, (q + np.array([0, 0, above]), v), factor)
 
 
-def feedback() -> Steered:
-    """The gait with feedback, going straight on."""
-    scene, gait = load_scene("exact"), load_gait("lasting")
-    return as_dtype(Steered(PhaseLocked(gait), np.array(0.0), centre_offsets(scene.structure, gait.members)), "float32")
-
-
 def with_friction(plant: Plant, factor: float) -> Plant:
     friction = jax.tree.map(lambda x: x, plant.scene.friction)
     friction = replace(friction, mu=friction.mu * factor)
@@ -155,7 +144,7 @@ def blind(trial: Trial, duration: float) -> dict[str, bool]:
     """Whether the same robot passes the goal by chance, without and with feedback that does not know of it."""
     found = {}
     for name, gains in (("open_loop", 0.0), ("feedback", 1.0)):
-        straight = feedback()
+        straight = straight_on()
         locked = replace(straight.policy, gains=straight.policy.gains * jnp.float32(gains))
         policy = replace(straight, policy=locked)
         loop = loop_start(trial.robot, policy, jax.random.key(0), trial.start)
@@ -164,10 +153,9 @@ def blind(trial: Trial, duration: float) -> dict[str, bool]:
     return found
 
 
-@goals.figure
-def figure(record: Record) -> Figure:
+@goals.figure(6, 3.8)
+def figure(record: Record, chart: Figure) -> None:
     """The paths of all trials, from above."""
-    chart = Figure(figsize=(6, 3.8), layout="constrained")
     axes = chart.subplots()
     for row in record["rows"]:
         axes.plot(row["path"][:, 1], row["path"][:, 0], linewidth=0.9, alpha=0.8)
@@ -180,7 +168,6 @@ def figure(record: Record) -> Figure:
     )
     axes.set(xlabel=across, ylabel=downhill, aspect="equal")
     axes.invert_yaxis()
-    return chart
 
 
 if __name__ == "__main__":

@@ -7,14 +7,13 @@ all gaits share, for one gait and for 64, by RK4 at 0.5 ms in float64; the mode 
 import time
 from collections.abc import Callable, Iterator
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 
 from jaxgrity import Gait, Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
@@ -34,7 +33,7 @@ TANGENTS = 8
 @measurement(
     page="performance.md",
     quick={"horizon": 0.5, "repeats": 2, "gaits": (2,), "parameters": (6,), "lengths": (4.0,)},
-    raw=("rollout_seconds", "compile_seconds", "difference", "method", "horizon"),
+    raw=("difference", "method", "horizon"),
 )
 def gradients(
     horizon: float = 5.0,
@@ -192,13 +191,13 @@ def compare(
     """Time of each mode over that of the rollout, and the largest difference of its gradient from the first's."""
     options = resolve(scene, horizon, EXACT if scene.constrained else RK4)
     values, make = varied(scene, gaits, parameters)
-    alone, _, _ = timed(jax.jit(of_parameters(make, FORWARD, horizon, options)), values, repeats)
+    alone, _ = timed(jax.jit(of_parameters(make, FORWARD, horizon, options)), values, repeats)
     modes = {name: by_reverse(make, end, horizon, options) for name, end in REVERSE.items()}
     modes["forward, one by one"] = by_forward(make, values, horizon, options, 1)
     modes[f"forward, {TANGENTS} side by side"] = by_forward(make, values, horizon, options, TANGENTS)
     reference = None
     for name in only or modes:
-        seconds, compilation, gradient = timed(modes[name], values, repeats)
+        seconds, gradient = timed(modes[name], values, repeats)
         gradient = gradient.T if parameters == 6 and gradient.shape != values.shape else gradient
         gradient = gradient if gradient.shape == values.shape else gradient.sum(-1)
         reference = gradient if reference is None else reference
@@ -209,21 +208,18 @@ def compare(
             "method": options.method.name,
             "horizon": horizon,
             "rollouts": seconds / alone,
-            "rollout_seconds": alone,
-            "compile_seconds": compilation,
             "difference": float(jnp.abs(gradient - reference).max() / jnp.abs(reference).max()),
         }
 
 
-def timed(function: Callable, values: jax.Array, repeats: int) -> tuple[float, float, jax.Array]:
-    """Median wall time of a call, s, what the first took longer, and the result."""
+def timed(function: Callable, values: jax.Array, repeats: int) -> tuple[float, jax.Array]:
+    """Median wall time of a call after the first, s, and the result."""
     seconds = []
     for _ in range(repeats + 1):
         start = time.perf_counter()
         result = jax.block_until_ready(function(values))
         seconds.append(time.perf_counter() - start)
-    warm = float(np.median(seconds[1:]))
-    return warm, seconds[0] - warm, result
+    return float(np.median(seconds[1:])), result
 
 
 def temporary(scene: Scene, gaits: Gait, name: str, horizon: float) -> int:
@@ -234,10 +230,9 @@ def temporary(scene: Scene, gaits: Gait, name: str, horizon: float) -> int:
     return compiled.memory_analysis().temp_size_in_bytes
 
 
-@gradients.figure
-def figure(record: Record) -> Figure:
+@gradients.figure(11, 4)
+def figure(record: Record, chart: Figure) -> None:
     """Time of each mode in rollouts, and the memory of the reverse modes against the length of the rollout."""
-    chart = Figure(figsize=(11, 4), layout="constrained")
     left, right = chart.subplots(1, 2)
     names = list(dict.fromkeys(row["mode"] for row in record["rows"]))
     cases = cases_of(record)
@@ -255,7 +250,6 @@ def figure(record: Record) -> Figure:
     right.minorticks_off()
     right.legend()
     right.grid(alpha=0.3)
-    return chart
 
 
 if __name__ == "__main__":

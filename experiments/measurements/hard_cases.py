@@ -12,11 +12,10 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from jaxgrity.cli.script import configure
-from measurement import Record, measurement
+from measurement import Figure, Record, check_names, measurement
 
 import numpy as np
 from cases import CASES, Case
-from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from pages import table
 
@@ -67,9 +66,7 @@ def hard_cases(methods: tuple[str, ...] = tuple(METHODS), cases: tuple[str, ...]
         methods: which methods
         cases: which cases, by their names; all, where not given
     """
-    for name in cases:
-        if name not in CASES:
-            raise InputError(f"cases = {name!r}: unknown; expected some of {', '.join(CASES)}")
+    check_names("cases", cases, CASES)
     for method in methods:
         find_method(method)
     counts, refused = dict.fromkeys(COLOURS, 0), set()
@@ -87,7 +84,7 @@ def hard_cases(methods: tuple[str, ...] = tuple(METHODS), cases: tuple[str, ...]
                     counts[cell.verdict] += 1
                     refused |= {(method, cell.reason)} if cell.verdict == "refused" else set()
     reasons = [{"method": method, "reason": reason} for method, reason in sorted(refused)]
-    return {"most_implicit_steps": MOST_IMPLICIT_STEPS, "counts": counts, "refused": reasons}
+    return {"counts": counts, "refused": reasons}
 
 
 @hard_cases.table
@@ -193,12 +190,12 @@ def judge(runs: list[Trajectory], true: Trajectory) -> Cell:
     return Cell("right", error, bar, "")
 
 
-@hard_cases.figure
-def figure(record: Record) -> Figure:
+@hard_cases.figure()
+def figure(record: Record, chart: Figure) -> None:
     """The verdicts of the table as colours, float64 above float32."""
     rows, methods = record["rows"], methods_of(record)
     names = list(dict.fromkeys(row["case"] for row in rows))
-    chart = Figure(figsize=(8.5, 1.3 + 0.26 * len(names)), layout="constrained")
+    chart.set_size_inches(8.5, 1.3 + 0.26 * len(names))
     axes = chart.subplots()
     axes.set(xlim=(0, len(methods)), ylim=(len(names), 0), title="top half: float64, bottom half: float32")
     axes.set_xticks(np.arange(len(methods)) + 0.5, methods, rotation=20, ha="right")
@@ -212,7 +209,6 @@ def figure(record: Record) -> Figure:
             axes.add_patch(Rectangle((x, y), 1, 0.5, facecolor=COLOURS[verdict], edgecolor="white"))
     verdicts = [Rectangle((0, 0), 1, 1, facecolor=colour, label=verdict) for verdict, colour in COLOURS.items()]
     chart.legend(handles=verdicts, loc="outside lower center", ncols=len(verdicts))
-    return chart
 
 
 if __name__ == "__main__":

@@ -8,10 +8,9 @@ import time
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from measurement import Record, measurement
+from measurement import Figure, Record, check_names, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 
 from jaxgrity import InputError, SolverOptions, load_scene, simulate, with_gait
@@ -97,8 +96,7 @@ def identification(
     """
     if trials < 1:
         raise InputError(f"trials = {trials}: expected at least 1")
-    if unknown := [name for name in cases if name not in CASES]:
-        raise InputError(f"cases = {unknown[0]!r}: unknown; expected {', '.join(CASES)}")
+    check_names("cases", cases, CASES)
     asked = {name: each for name, each in (("duration", duration), ("height", height)) if each is not None}
     resting = np.asarray(simulate(with_gait(load_scene("reference"), None), SETTLING, frame_rate=1.0).positions[-1])
     found = {}
@@ -181,9 +179,7 @@ def one_throw(case: Case, resting: np.ndarray, speed: float, random: np.random.G
         "standard_error": [each.standard_error for each in found.estimates],
         "inside": [each.interval is not None and bool(each.interval[0] < t < each.interval[1])
                    for each, t in zip(found.estimates, true)],
-        "misfit": found.misfit,
         "converged": found.converged,
-        "steps": found.steps,
         "seconds": time.perf_counter() - began,
     }  # fmt: skip
 
@@ -194,7 +190,6 @@ def summary(rows: list[dict], k: int, parameter: Parameter) -> dict[str, Any]:
     errors = [abs(row["identified"][k] / row["true"][k] - 1) for row in told]
     return {
         "name": parameter.name,
-        "spread": parameter.spread,
         "told": len(told),
         "median": float(np.median(errors)) if errors else None,
         "largest": max(errors, default=None),
@@ -204,11 +199,11 @@ def summary(rows: list[dict], k: int, parameter: Parameter) -> dict[str, Any]:
     }
 
 
-@identification.figure
-def figure(record: Record) -> Figure:
+@identification.figure()
+def figure(record: Record, chart: Figure) -> None:
     """Identified less true, with 95 % intervals, trial by trial, of the throws with four unknown parameters."""
     shown = [name for name in record["cases"] if CASES[name].parameters == FOUR]
-    chart = Figure(figsize=(9, 3.2 * len(shown)), layout="constrained")
+    chart.set_size_inches(9, 3.2 * len(shown))
     for line, name in zip(chart.subplots(len(shown), len(FOUR), squeeze=False), shown):
         for k, axes in enumerate(line):
             for trial, row in enumerate(row for row in record["rows"] if row["case"] == name):
@@ -222,7 +217,6 @@ def figure(record: Record) -> Figure:
     for colour, label in (("C0", "interval of 95 % contains the truth"), ("C1", "interval misses the truth")):
         chart.axes[0].plot([], [], ".-", color=colour, label=label)
     chart.legend(loc="outside upper center", ncols=2)
-    return chart
 
 
 if __name__ == "__main__":

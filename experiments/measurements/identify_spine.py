@@ -6,12 +6,11 @@ They are fitted to the mean poses of every second run.
 from functools import partial
 from pathlib import Path
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import equinox as eqx
 import jax
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 from spine_robot import (
     FOLDER,
@@ -59,7 +58,7 @@ class Rig(eqx.Module):
     """m, by which each cable is longer on the way up"""
 
 
-@measurement(page="validation.md", quick={"every": 10}, raw=("untold", "as_sold", "identified"))
+@measurement(page="validation.md", quick={"every": 10}, raw=("as_sold", "identified"))
 def spine(tables: Path = FOLDER, every: int = 1) -> Record:
     """The estimates, and errors in the runs that they were not fitted to.
 
@@ -77,13 +76,11 @@ def spine(tables: Path = FOLDER, every: int = 1) -> Record:
         "held_out_runs": len(robot.runs[1::2]),
         "held_out": {name: {"before": before[k], "after": after[k]} for k, name in enumerate(POSE)},
         "repeatability": dict(zip(POSE, UNITS * rms(np.nanstd(robot.seen, axis=0, ddof=1), axis=0))),
-        "misfit": found.misfit,
         "statics": [
             {name: getattr(each, name) for name in ("name", "value", "standard_error")}
             | {"kind": of.kind, "spread": of.spread}
             for each, of in zip(found.estimates, found.parameters)
         ],
-        "untold": len(found.untold),
     } | {name: UNITS * (robot.seen[1::2] - each) for name, each in zip(("as_sold", "identified"), simulated)}
 
 
@@ -146,10 +143,9 @@ def fitted_statics(robot: Spine, shapes: np.ndarray, every: slice) -> tuple[Iden
     return found, errors[0], errors[1]
 
 
-@spine.figure
-def figure(record: Record) -> Figure:
+@spine.figure(9, 5.5)
+def figure(record: Record, chart: Figure) -> None:
     """Errors in the runs held out, before and after."""
-    chart = Figure(figsize=(9, 5.5), layout="constrained")
     for k, (axes, name, unit) in enumerate(zip(chart.subplots(3, sharex=True), POSE, ("mm", "mm", "degrees"))):
         for kind, colour in (("as_sold", "C1"), ("identified", "C0")):
             error = record[kind][:, :, k]
@@ -160,7 +156,6 @@ def figure(record: Record) -> Figure:
     chart.axes[0].set_title("Camera less simulation, runs held out: each, and their mean")
     chart.axes[0].legend(fontsize=8)
     chart.axes[2].set_xlabel("command")
-    return chart
 
 
 if __name__ == "__main__":

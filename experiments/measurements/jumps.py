@@ -6,10 +6,9 @@ begins, the highest of the whole time. Robots that differ judge each answer on b
 
 from collections.abc import Iterator
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns
 
 from jaxgrity import ActuatorBounds, SearchConfig, centre_path, load_scene, search_gaits, simulate
@@ -91,10 +90,9 @@ def _with_spread(robots: Record) -> str:
     return f"{robots['mean']:.3f} ({robots['standard_deviation']:.2g})"
 
 
-@jumps.figure
-def figure(record: Record) -> Figure:
+@jumps.figure(6.5, 3.2)
+def figure(record: Record, chart: Figure) -> None:
     """Heights of the centre of mass over time."""
-    chart = Figure(figsize=(6.5, 3.2), layout="constrained")
     axes = chart.subplots()
     for row in record["rows"]:
         start = np.interp(record["begins"], row["times"], row["heights"])
@@ -102,7 +100,6 @@ def figure(record: Record) -> Figure:
     axes.axvline(record["begins"], color="0.6", linewidth=1, linestyle=":")
     axes.set(xlabel="time (s)", ylabel="rise of the centre of mass (m)")
     chart.legend(loc="outside right upper", title="largest rate")
-    return chart
 
 
 if __name__ == "__main__":

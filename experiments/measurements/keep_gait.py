@@ -24,8 +24,6 @@ class Settings:
     """of the gait in the library"""
     library: Path = Path("jaxgrity/data/gaits")
     """folder of the library's records"""
-    quick: bool = False
-    """it is quick anyway"""
 
 
 def main(settings: Settings) -> None:

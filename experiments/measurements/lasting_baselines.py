@@ -10,11 +10,10 @@ from collections.abc import Callable, Iterator
 from itertools import product
 from typing import Literal, NamedTuple, get_args
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import jax
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 from searches import built
 
@@ -215,12 +214,12 @@ def judged(problem: SearchProblem, genes: np.ndarray, judges: int, duration: flo
     return {name: float(judge_at(fidelity_levels(each)[1], gaits, here, 0).mean[0]) for name, each in models.items()}
 
 
-@lasting_baselines.figure
-def figure(record: Record) -> Figure:
+@lasting_baselines.figure()
+def figure(record: Record, chart: Figure) -> None:
     """Every answer's steady speed on the own contact model, and the medians."""
     rows = record["answers"]
     freedoms = list(dict.fromkeys(row["freedom"] for row in rows))
-    chart = Figure(figsize=(5 * len(freedoms), 4.5), layout="constrained")
+    chart.set_size_inches(5 * len(freedoms), 4.5)
     for axes, freedom in zip(chart.subplots(1, len(freedoms), sharey=True, squeeze=False)[0], freedoms, strict=True):
         methods = list(dict.fromkeys(row["method"] for row in rows if row["freedom"] == freedom))
         for k, method in enumerate(methods):
@@ -230,7 +229,6 @@ def figure(record: Record) -> Figure:
         axes.set_xticks(range(len(methods)), methods, rotation=30, ha="right")
         axes.set(title={"waves": "waves", "free": "free gaits"}[freedom], ylim=(0, None))
         axes.set_ylabel("steady speed (body lengths/s)")
-    return chart
 
 
 if __name__ == "__main__":

@@ -10,19 +10,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from measurement import Record, measurement
+from measurement import Figure, Record, check_names, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 
 from jaxgrity import (
     ConeFriction,
     ExactGround,
     Gait,
-    InputError,
     Members,
     Overtone,
     PenaltyGround,
@@ -170,12 +168,10 @@ def leaf_gradients(out: Path, robots: tuple[str, ...] = tuple(CASES), seed: int 
         robots: which; what the folder has of others is kept
         seed: of the direction in which each array varies
     """
-    unknown = [name for name in robots if name not in CASES]
-    if unknown:
-        raise InputError(f"robots = {unknown[0]!r}: unknown; expected {', '.join(CASES)}")
+    check_names("robots", robots, CASES)
     before = out / "leaf_gradients.json"
-    known = json.loads(read_text(before))["rows"] if before.exists() else []
-    rows = [row for row in known if row["robot"] not in robots]
+    rows = json.loads(read_text(before))["rows"] if before.exists() else []
+    rows = [row for row in rows if row["robot"] not in robots]
     yield from rows
     for name in robots:
         found = [{"robot": name, **row} for row in compared(CASES[name], seed)]
@@ -237,12 +233,11 @@ def leaf_name(path: str) -> str:
     return {"[1][0]": "start q", "[1][1]": "start v"}.get(path, path.removeprefix("[0]."))
 
 
-@leaf_gradients.figure
-def figure(record: Record) -> Figure:
+@leaf_gradients.figure(8, 3.4)
+def figure(record: Record, chart: Figure) -> None:
     """Disagreements, a dot for each array, a line for each robot."""
     rows = record["rows"]
     names = list(dict.fromkeys(row["robot"] for row in rows))
-    chart = Figure(figsize=(8, 3.4), layout="constrained")
     axes = chart.subplots()
     for kind, colour, above in (("reverse", "C0", 0.12), ("differences", "C1", -0.12)):
         x = [max(row[kind], 1e-17) for row in rows if row["derivative"]]
@@ -253,7 +248,6 @@ def figure(record: Record) -> Figure:
     axes.set(xscale="log", xlabel="relative difference from forward mode", yticks=range(len(names)), yticklabels=names)
     axes.invert_yaxis()
     chart.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return chart
 
 
 @leaf_gradients.table

@@ -3,11 +3,10 @@
 import time
 from collections.abc import Iterator
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import jax
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns
 
 from jaxgrity import SolverOptions, contact_twin, load_scene, with_error
@@ -73,10 +72,9 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@learning.figure
-def figure(record: Record) -> Figure:
+@learning.figure(6, 3.5)
+def figure(record: Record, chart: Figure) -> None:
     """Progress of the policies that are tried, against control periods."""
-    chart = Figure(figsize=(6, 3.5), layout="constrained")
     axes = chart.subplots()
     for row in record["rows"]:
         at = np.arange(1, len(row["curve"]) + 1) * record["periods"] / 1e6
@@ -84,7 +82,6 @@ def figure(record: Record) -> Figure:
     axes.set(xlabel="control periods (millions)", ylabel="progress with exploration (m/s)")
     axes.set_xlim(0, None)
     axes.legend(loc="lower right")
-    return chart
 
 
 if __name__ == "__main__":

@@ -11,13 +11,12 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from measurement import Record, measurement
+from measurement import Figure, Record, check_names, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns
 
-from jaxgrity import InputError, gait_names, gait_record
+from jaxgrity import gait_names, gait_record
 from jaxgrity.io.files import read_text
 
 SEARCH = Path(__file__).parents[1] / "gait_search.py"
@@ -31,9 +30,7 @@ def library_gaits(out: Path, gaits: tuple[str, ...] = gait_names(), small: bool 
         gaits: names of the library's gaits
         small: whether searches are as small as with --quick
     """
-    unknown = sorted(set(gaits) - set(gait_names()))
-    if unknown:
-        raise InputError(f"gaits = {unknown}: unknown; expected some of {', '.join(gait_names())}")
+    check_names("gaits", gaits, gait_names())
     for name in gaits:
         folder, record = out / name, gait_record(name)
         asked = [*options_of(record["command"]), *["--quick"] * small, "--restart", "--out", folder]
@@ -61,11 +58,11 @@ def options_of(command: str) -> list[str]:
     return shlex.split(command)[2:]
 
 
-@library_gaits.figure
-def figure(record: Record) -> Figure:
+@library_gaits.figure()
+def figure(record: Record, chart: Figure) -> None:
     """Speeds of what was found beside those of the library."""
     rows = record["rows"]
-    chart = Figure(figsize=(5.5, 0.5 * len(rows) + 1.5), layout="constrained")
+    chart.set_size_inches(5.5, 0.5 * len(rows) + 1.5)
     axes = chart.subplots()
     for k, (name, label) in enumerate((("library", "in the library"), ("found", "found again"))):
         axes.barh(np.arange(len(rows)) + 0.4 * k - 0.2, [row[name] or 0 for row in rows], height=0.35, label=label)
@@ -74,7 +71,6 @@ def figure(record: Record) -> Figure:
     axes.grid(axis="y", visible=False)
     axes.invert_yaxis()
     chart.legend(loc="outside upper center", ncols=2)
-    return chart
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 import inspect
 import re
 import sys
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from dataclasses import field, make_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from pages import made_by
 from tqdm import tqdm
 
+from jaxgrity import InputError
 from jaxgrity.cli.command_line import from_command_line
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
@@ -24,6 +25,9 @@ Record = dict[str, Any]
 
 Words = Callable[[Record], str]
 """Function that says in Markdown what a page quotes of a record."""
+
+Draw = Callable[[Record, Figure], None]
+"""Function that draws a record on an empty figure."""
 
 
 class Table(NamedTuple):
@@ -68,10 +72,20 @@ class Measurement:
 
         return kept if words is None else kept(words)
 
-    def figure(self, draw: Callable[[Record], Figure]) -> Callable[[Record], Figure]:
-        """Decorate the function that draws a record."""
-        self.draw = plot.styled(draw)
-        return self.draw
+    def figure(self, width: float = 6.4, height: float = 4.8) -> Callable[[Draw], Draw]:
+        """Decorate the function that draws a record on an empty figure of this size, inches."""
+
+        def kept(draw: Draw) -> Draw:
+            @plot.styled
+            def drawn(record: Record) -> Figure:
+                chart = Figure(figsize=(width, height), layout="constrained")
+                draw(record, chart)
+                return chart
+
+            self.draw = drawn
+            return draw
+
+        return kept
 
     def words(self, record: Record, name: str | None = None, part: str = "") -> str:
         """A table of a record, the command that made it, and where its file is."""
@@ -112,6 +126,13 @@ class Measurement:
         """Measure as the command line asks for."""
         configure()
         execute(self.main, from_command_line(self.Settings, description=self.Settings.__doc__))
+
+
+def check_names(option: str, asked: Iterable[str], names: Collection[str]) -> None:
+    """Raises `InputError` where one of the names that an option asks for is not among these."""
+    for name in asked:
+        if name not in names:
+            raise InputError(f"{option} = {name!r}: unknown; expected {', '.join(names)}")
 
 
 def row_by_row(found: Generator[Record, None, Record | None], path: Path) -> Record:

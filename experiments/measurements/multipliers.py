@@ -9,10 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns
 from tqdm import tqdm
 
@@ -61,7 +60,7 @@ class Case(NamedTuple):
 @measurement(
     page="gait_records.md",
     quick={"duration": 80.0, "cycles": 20, "moments": 2, "robots": 2, "followed": 10, "close": 51, "finer": False},
-    raw=("neutral", "curves", "map"),
+    raw=("curves", "map"),
 )
 def multipliers(
     duration: float = 120.0,
@@ -150,15 +149,12 @@ def largest(case: Case, orbit: Orbit, options: SolverOptions, moments: int) -> t
         found.append(floquet_multipliers(case.scene, orbit, options=options, after=(SETTLING + k) * orbit.periods))
         there = orbit._replace(state=found[-1].state)
         disturbed.append(stability(case.scene, there, options=options).largest)
-    derivative, second = [each.largest for each in found], [float(np.abs(each.others[1])) for each in found]
+    derivative = [each.largest for each in found]
     known = [value for value in disturbed if np.isfinite(value)]
-    neutral = {name: [each.neutral[name] for each in found] for name in found[0].neutral}
     return found[0], {
         "moments": moments,
-        "neutral": neutral,
-        "neutral_off": max(abs(value - 1) for values in neutral.values() for value in values),
+        "neutral_off": max(abs(value - 1) for each in found for value in each.neutral.values()),
         "derivative": [min(derivative), max(derivative)],
-        "second": [min(second), max(second)],
         "by_disturbance": [min(known), max(known)] if known else None,
     }
 
@@ -183,7 +179,6 @@ def watched(scene: Scene, orbit: Orbit, options: SolverOptions, cycles: int) -> 
     return {
         "residual": float(np.median(np.abs(np.diff(seen, axis=0)).max(1))),
         "strays": float(np.abs(seen - seen.mean(0)).max()),
-        "cycles": cycles,
     }
 
 
@@ -216,12 +211,12 @@ def close_up(
     return moved, ends @ main * main[np.abs(main).argmax()]
 
 
-@multipliers.figure
-def figure(record: Record) -> Figure:
+@multipliers.figure()
+def figure(record: Record, chart: Figure) -> None:
     """Deviations over cycles, and the map over a cycle, close up; by gait and part of the step."""
     own = [row for row in record["rows"] if "curves" in row and row["part"] == 1]
     mapped = [row for row in record["rows"] if "map" in row]
-    chart = Figure(figsize=(4.5 + 4 * len(mapped), 4), layout="constrained")
+    chart.set_size_inches(4.5 + 4 * len(mapped), 4)
     first, *others = chart.subplots(1, 1 + len(mapped))
     for row, style in zip(own, ("--", "-"), strict=True):
         for k, (size, curve) in enumerate(zip(SIZES, row["curves"], strict=True)):
@@ -236,7 +231,6 @@ def figure(record: Record) -> Figure:
         axes.plot(moved, after, ".", markersize=2)
         axes.set(xlabel="moved along its unstable direction (mm)", ylabel="shape a cycle later (mm)")
         axes.set_title(f"{row['gait']}, {'own step' if row['part'] == 1 else '1/{part} of the step'.format(**row)}")
-    return chart
 
 
 if __name__ == "__main__":

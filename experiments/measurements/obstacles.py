@@ -8,31 +8,27 @@ that does not know of the obstacles. Touching is judged by all struts and cables
 from dataclasses import replace
 from pathlib import Path
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from basin import drops
-from matplotlib.figure import Figure
+from driven import bounded, drops
 from matplotlib.patches import Circle
 from pages import table
 from tqdm import tqdm
 
-from jaxgrity import Cylinder, Differences, Scene, SolverOptions, Trajectory, contact_twin, load_gait, load_scene
+from jaxgrity import Cylinder, Differences, Scene, Trajectory, contact_twin, load_gait, load_scene
 from jaxgrity.control import (
     CAUTIOUS,
     REACHED,
     Discs,
     GaitChoices,
     Journey,
-    MotorLimits,
     PhaseLocked,
-    Plant,
     Sampling,
     WayMap,
     gait_choices,
     gap,
     lead_to,
-    plant_of,
     room,
     side_by_side,
     way_map,
@@ -96,8 +92,6 @@ def obstacles(
     keep_replay(scene, drawn[shown], maps[shown], found, shown, out / "replay.html")
     return {
         "patience": patience,
-        "samples": samples,
-        "copies": len(sampling.friction),
         "interval": sampling.interval,
         "horizon": sampling.horizon,
         "gaits": {name: float(np.mean(names[found.gaits[going]] == name)) for name in dict.fromkeys(names)},
@@ -177,12 +171,6 @@ def led(scene: Scene, robot: Scene, choices: GaitChoices, maps: list[WayMap], sa
         )
 
 
-def bounded(scene: Scene) -> Plant:
-    """A plant in single precision, at a coarse step where struts are rigid, with motors of 1.2 m/s."""
-    options = SolverOptions(dt=0.01 if scene.constrained else None, dtype="float32")
-    return plant_of(scene, load_gait("lasting").members, motors=MotorLimits(rate=1.2), options=options)
-
-
 def told(found: Journey, field: Discs, robot: int) -> Record:
     """Of one robot, judged by the field that is there; its path ten times a second."""
     end = int(found.arrived[robot])
@@ -216,13 +204,13 @@ def keep_replay(scene: Scene, field: Discs, way: WayMap, found: Journey, robot: 
     view.keep_html(twin, motion, path, frame_rate=25.0, title="round obstacles", props=props)
 
 
-@obstacles.figure
-def figure(record: Record) -> Figure:
+@obstacles.figure()
+def figure(record: Record, chart: Figure) -> None:
     """Obstacles, the way that was planned from the start, and the paths of all robots, from above."""
     every = record["rows"]
     columns = min(4, len(every))
     rows = -(-len(every) // columns)
-    chart = Figure(figsize=(2.4 * columns, 1.75 * rows + 0.6), layout="constrained")
+    chart.set_size_inches(2.4 * columns, 1.75 * rows + 0.6)
     panes = chart.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, row in zip(panes, every):
         for centre, radius in zip(row["centres"], row["radii"]):
@@ -239,7 +227,6 @@ def figure(record: Record) -> Figure:
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     chart.supxlabel("x (m)", size=9)
     chart.supylabel("y (m)", size=9)
-    return chart
 
 
 if __name__ == "__main__":

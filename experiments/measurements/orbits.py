@@ -8,10 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 
 from jaxgrity import (
@@ -55,19 +54,13 @@ def orbits(
             known = {"gait": name, "contact": "exact" if scene.constrained else "penalty", "own": scene is own}
             path = np.asarray(centre_path(scene, simulate(scene, duration, frame_rate=5)))[:, :2]
             yield known | settled_orbit(scene, duration, roughly) | {"path": path}
-    return {}
 
 
 def settled_orbit(scene: Scene, duration: float, roughly: bool) -> dict[str, Any]:
     """The orbit of one gait on one scene."""
     orbit, bar = (find_orbit(scene, duration), None) if roughly else refined_orbit(scene, duration)
-    held = stability(scene, orbit) if orbit.verified_for else None
-    return {
-        **orbit.summary(),
-        "speed_error_bar": bar,
-        "multiplier": None if held is None else held.largest,
-        "returned": None if held is None else held.returned,
-    }
+    multiplier = stability(scene, orbit).largest if orbit.verified_for else None
+    return {**orbit.summary(), "speed_error_bar": bar, "multiplier": multiplier}
 
 
 @orbits.table
@@ -98,11 +91,10 @@ def cells_of(row: Record) -> list[str]:
     ]
 
 
-@orbits.figure
-def figure(record: Record) -> Figure:
+@orbits.figure(10, 4.5)
+def figure(record: Record, chart: Figure) -> None:
     """The paths of the centre of mass, seen from above; those that stay near in a pane of their own."""
     paths = {f"{row['gait']}, {row['contact']}": np.asarray(row["path"]) for row in record["rows"]}
-    chart = Figure(figsize=(10, 4.5), layout="constrained")
     far, near = chart.subplots(1, 2)
     colours = {gait: f"C{k}" for k, gait in enumerate(dict.fromkeys(name.split(", ")[0] for name in paths))}
     for name, path in paths.items():
@@ -115,7 +107,6 @@ def figure(record: Record) -> Figure:
         axes.set_aspect("equal", adjustable="datalim")
         if axes.lines:
             axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
-    return chart
 
 
 if __name__ == "__main__":

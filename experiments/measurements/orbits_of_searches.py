@@ -7,10 +7,9 @@ The speed at the default step is compared with that at an eighth of it, and with
 from collections.abc import Iterator
 from typing import Any
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns
 from tqdm import tqdm
 
@@ -45,7 +44,6 @@ def orbits_of_searches(searches: int = 64, population: int = 64, generations: in
     for contact, model in (("exact", scene), ("penalty", contact_twin(scene))):
         each = [{"seed": seed, **converged(with_gait(model, gait))} for seed, gait in zip(seeds, tqdm(gaits))]
         yield {"contact": contact, **summary(each), "each": each}
-    return {"searches": searches}
 
 
 def searched(scene: Scene, seed: int, population: int, generations: int) -> Gait:
@@ -111,11 +109,10 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@orbits_of_searches.figure
-def figure(record: Record) -> Figure:
+@orbits_of_searches.figure(10, 4.5)
+def figure(record: Record, chart: Figure) -> None:
     """By how much each speed is off, against its error bar, those below the line covered; and against the step."""
     rows = [row | one for row in record["rows"] for one in row["each"]]
-    chart = Figure(figsize=(10, 4.5), layout="constrained")
     bars, steps = chart.subplots(1, 2)
     for k, (contact, mark) in enumerate(zip(GROUPS, ("o", "x"), strict=True)):
         kept = [row for row in rows if row["contact"] == contact and row["settled"]]
@@ -136,7 +133,6 @@ def figure(record: Record) -> Figure:
     steps.minorticks_off()
     for axes in (bars, steps):
         axes.legend()
-    return chart
 
 
 if __name__ == "__main__":

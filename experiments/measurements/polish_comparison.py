@@ -3,21 +3,19 @@
 Short searches for steady speed, one for each seed, end with a gait. From there go on: polish by smoothed gradients,
 polish by the derivative of the orbit's own speed, and the search itself with more generations, both as it was and with
 the overtones that polishing shapes. Each may spend the same number of rollouts. All answers are judged by the same
-robots, which nothing was chosen by, on the scene's own contact model and on the other one.
+robots, which nothing was chosen by.
 """
 
 import dataclasses
 from collections.abc import Iterator
-from time import perf_counter
 from typing import NamedTuple
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 
-from jaxgrity import GAConfig, PolishConfig, SearchConfig, SearchProblem, contact_twin, load_scene, polish
+from jaxgrity import GAConfig, PolishConfig, SearchConfig, SearchProblem, SolverOptions, load_scene, polish
 from jaxgrity.search import (
     EvolutionState,
     FidelityLevel,
@@ -52,13 +50,6 @@ class Begun(NamedTuple):
     """of its last level"""
 
 
-class Size(NamedTuple):
-    """What each way may spend, and how many robots judge a polish."""
-
-    rollouts: int
-    final_robots: int
-
-
 @measurement(
     page="search_records.md",
     quick={"seeds": 1, "population": 16, "generations": (2, 1), "judges": 8, "rollouts": 256, "final_robots": 8},
@@ -80,7 +71,7 @@ def polish_comparison(
         population: gaits in a generation of the search
         generations: as in `jaxgrity search`
         rollouts: that each way may spend, half of what a default search polishes with
-        judges: robots by which all answers are judged on each contact model
+        judges: robots by which all answers are judged
         final_robots: by which polish decides what it keeps
         duration: s
     """
@@ -89,7 +80,6 @@ def polish_comparison(
     problem = search_problem(scene, config)
     plain = problem._replace(fitness=without_measuring(problem.fitness))
     levels = fidelity_levels(scene, None, False, unmeasured=config.wide)
-    judged_on = levels[1], fidelity_levels(contact_twin(scene))[1]
     searched, configs = search_levels(levels), ga_configs(config, len(search_levels(levels)))
     for seed in range(100, 100 + seeds):
         states: dict[int, EvolutionState] = {}
@@ -100,36 +90,36 @@ def polish_comparison(
         shaped = plain._replace(genome=genome)
         found = {"start": (wider, {})}
         for way in WAYS:
-            began = perf_counter()
             if way == "search runs on":
-                genes, more = genome_to_polish(plain, runs_on(plain, levels[1], begun, rollouts, seed), config)[1], {}
+                genes = genome_to_polish(plain, runs_on(plain, levels[1], begun, rollouts, seed), config)[1]
+                found[way] = genes, {}
+            elif way == "search with overtones":
+                shaping = begun._replace(genes=wider, state=wider_state(shaped, begun.state))
+                found[way] = runs_on(shaped, levels[1], shaping, rollouts, seed), {}
             else:
-                size = Size(rollouts, final_robots)
-                genes, more = gone_on(way, shaped, levels[1], begun._replace(genes=wider), size, seed)
-            found[way] = genes, {**more, "seconds": perf_counter() - began}
+                polishing = PolishConfig(rollouts, way, final_robots=final_robots)
+                found[way] = polished(shaped, wider, polishing, levels[1].options, seed)
         genes = np.stack([genes for genes, _ in found.values()])
-        own, other = (judgement(shaped, level, genes, judges) for level in judged_on)
-        for (way, (each, more)), mine, others in zip(found.items(), own, other):
-            answers.append({"seed": seed, "way": way, **more, "genes": each.tolist(), **mine, "other_model": others})
+        for (way, (each, more)), judged in zip(found.items(), judgement(shaped, levels[1], genes, judges)):
+            answers.append({"seed": seed, "way": way, **more, "genes": each.tolist(), **judged})
             yield answers[-1]
     fitness = by_seed(answers)["start"]
     starts = {"start": float(np.median(list(fitness.values()))), "seeds": len(fitness)}
     return {"rollouts": rollouts, **starts, "rows": compared_ways(answers, rollouts), "answers": answers}
 
 
-def by_seed(answers: list[Record], other: bool = False) -> dict[str, dict[int, float]]:
-    """The fitness of each way by seed, on the scene's own contact model or on the other one."""
+def by_seed(answers: list[Record], what: str = "fitness") -> dict[str, dict[int, float]]:
+    """The fitness or the mean speed of each way by seed."""
     ways = dict.fromkeys(row["way"] for row in answers)
-    of = {(row["way"], row["seed"]): (row["other_model"] if other else row)["fitness"] for row in answers}
-    return {way: {seed: fitness for (name, seed), fitness in of.items() if name == way} for way in ways}
+    return {way: {row["seed"]: row[what] for row in answers if row["way"] == way} for way in ways}
 
 
 def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
     """Of each way: what it gained over its start and over a longer search, seed by seed."""
-    fitness, others, rows = by_seed(answers), by_seed(answers, other=True), []
+    fitness, means, rows = by_seed(answers), by_seed(answers, "mean"), []
     for way in WAYS:
         gains = [fitness[way][seed] - fitness["start"][seed] for seed in fitness["start"]]
-        on_other = [others[way][seed] - others["start"][seed] for seed in others["start"]]
+        of_means = [means[way][seed] - means["start"][seed] for seed in means["start"]]
         beyond = [fitness[way][seed] - fitness["search runs on"][seed] for seed in fitness["start"]]
         mine = [row for row in answers if row["way"] == way]
         rows.append(
@@ -137,11 +127,9 @@ def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
                 "way": way,
                 "gain": float(np.median(gains)),
                 "quartiles": [float(x) for x in np.quantile(gains, (0.25, 0.75))],
-                "gain_on_other": float(np.median(on_other)),
-                "better_on_other": sum(gain > 0 for gain in on_other),
+                "gain_of_mean": float(np.median(of_means)),
                 "better": sum(gain > 0 for gain in gains),
                 "worse": sum(gain < 0 for gain in gains),
-                "beyond": float(np.median(beyond)),
                 "beats": sum(gain > 0 for gain in beyond),
                 "kept": sum(row.get("kept", False) for row in mine) if "kept" in mine[0] else None,
                 "spent": float(np.median([row["spent"] for row in mine])) if "spent" in mine[0] else rollouts,
@@ -174,17 +162,12 @@ def words(record: Record) -> str:
     return f"{table(head, rows)}\n\n{settings}"
 
 
-def gone_on(
-    way: str, problem: SearchProblem, level: FidelityLevel, begun: Begun, size: Size, seed: int
+def polished(
+    problem: SearchProblem, genes: np.ndarray, config: PolishConfig, options: SolverOptions, seed: int
 ) -> tuple[np.ndarray, Record]:
-    """The genes at which one way ends, and what is said of it."""
-    if way == "search with overtones":
-        wider = begun._replace(state=wider_state(problem, begun.state))
-        return runs_on(problem, level, wider, size.rollouts, seed), {}
-    config = PolishConfig(size.rollouts, way, final_robots=size.final_robots)
-    found = polish(problem, begun.genes[None], config, options=level.options, final_options=level.options, seed=seed)
-    about = {"kept": found.improved, "steps": len(found.steps), "spent": found.rollouts, "reason": found.reason}
-    return np.asarray(found.genes), about
+    """The genes at which polish ends, and what is said of it."""
+    found = polish(problem, genes[None], config, options=options, final_options=options, seed=seed)
+    return np.asarray(found.genes), {"kept": found.improved, "spent": found.rollouts}
 
 
 def wider_state(problem: SearchProblem, state: EvolutionState) -> EvolutionState:
@@ -221,16 +204,12 @@ def judgement(problem: SearchProblem, level: FidelityLevel, genes: np.ndarray, j
     """Fitness and mean steady speed of every answer, body lengths/s, by the same robots."""
     more = problem._replace(fitness=with_robots(problem.fitness, judges))
     found = judge_at(level, problem.genome.gaits(problem.scene.gait, genes), more, UNSEEN)
-    return [
-        {"fitness": float(fit), "mean": float(mean), "spread": float(spread)}
-        for fit, mean, spread in zip(found.fitness, found.mean, found.spread)
-    ]
+    return [{"fitness": float(fitness), "mean": float(mean)} for fitness, mean in zip(found.fitness, found.mean)]
 
 
-@polish_comparison.figure
-def figure(record: Record) -> Figure:
+@polish_comparison.figure(6, 4.2)
+def figure(record: Record, chart: Figure) -> None:
     """What every way gained over its start on each seed, and the medians."""
-    chart = Figure(figsize=(6, 4.2), layout="constrained")
     axes, fitness = chart.subplots(), by_seed(record["answers"])
     for k, way in enumerate(WAYS):
         gains = [fitness[way][seed] - start for seed, start in fitness["start"].items()]
@@ -241,7 +220,6 @@ def figure(record: Record) -> Figure:
         range(len(WAYS)), ["search\nruns on", "search\nwith overtones", "polish,\nsmoothed", "polish\non the orbit"]
     )
     axes.set_ylabel("fitness gained over the start (body lengths/s)")
-    return chart
 
 
 if __name__ == "__main__":

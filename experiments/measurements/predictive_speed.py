@@ -7,14 +7,14 @@ controller.
 
 from collections.abc import Iterator
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
+from driven import bounded, straight_on
 from pages import columns
 
-from jaxgrity import SolverOptions, as_dtype, load_gait, load_scene
-from jaxgrity.control import MotorLimits, PhaseLocked, Sampling, Steered, centre_offsets, lead_to, plant_of
+from jaxgrity import load_scene
+from jaxgrity.control import Sampling, lead_to
 
 GOAL = np.array([-12.0, 2.0])
 """m"""
@@ -32,11 +32,7 @@ def predictive_speed(
         horizon: s, for which each sample is rolled out
         seconds: s, of the journey
     """
-    gait, scene = load_gait("lasting"), load_scene("exact")
-    options = SolverOptions(dt=0.01, dtype="float32")
-    plant = plant_of(scene, gait.members, motors=MotorLimits(rate=1.2), options=options)
-    offsets = centre_offsets(scene.structure, gait.members)
-    policy = as_dtype(Steered(PhaseLocked(gait), np.array(0.0), offsets), "float32")
+    plant, policy = bounded(load_scene("exact")), straight_on()
     for count in samples:
         sampling = Sampling(samples=count, horizon=horizon, interval=1 / rate, patience=seconds)
         lead_to(plant, plant, policy, GOAL, sampling=sampling._replace(patience=2 / rate))
@@ -63,11 +59,10 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@predictive_speed.figure
-def figure(record: Record) -> Figure:
+@predictive_speed.figure(5, 3)
+def figure(record: Record, chart: Figure) -> None:
     """How much faster than the robot the controller is, against the samples of a choice."""
     rows = record["rows"]
-    chart = Figure(figsize=(5, 3), layout="constrained")
     axes = chart.subplots()
     axes.loglog([row["samples"] for row in rows], [row["real_time"] for row in rows], "o-", base=2)
     axes.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
@@ -75,7 +70,6 @@ def figure(record: Record) -> Figure:
     axes.set(xlabel="rollouts for each choice", ylabel="times real time", ylim=(0.8, 20))
     axes.set_xticks([row["samples"] for row in rows], [f"{row['samples']}" for row in rows])
     axes.yaxis.set_major_formatter("{x:g}")
-    return chart
 
 
 if __name__ == "__main__":

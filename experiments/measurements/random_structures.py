@@ -52,8 +52,6 @@ class Verdict(NamedTuple):
     """m/s, the largest by which velocities missed what the impulses make of them, up to then"""
     stretch: np.ndarray
     """the largest share of its length by which a strut was off, up to then"""
-    depth: np.ndarray
-    """m, the largest by which a node was below the ground, up to then"""
 
 
 def random_scene(seed: int) -> Scene:
@@ -178,7 +176,7 @@ def judged(scene: Scene, gaits: Gait, differences: Differences, duration: float,
         wanted = over_lanes(lambda s: rest_length(s.structure.struts, s.gait, (k + 1) * STEP, 0), (axes,))(many)
         lengths = jnp.linalg.norm(q[edges[0]] - q[edges[1]], axis=1)
         residual = after.residual if coupled else jnp.zeros(q.shape[-1])
-        now = jnp.stack([residual, jnp.max(jnp.abs(lengths / wanted - 1), axis=0), jnp.max(-q[:, 2], axis=0)])
+        now = jnp.stack([residual, jnp.max(jnp.abs(lengths / wanted - 1), axis=0)])
         fine = jnp.isfinite(q).all(axis=(0, 1))
         return ((y1, after), jnp.where(fine, jnp.maximum(worst, now), worst)), fine
 
@@ -187,7 +185,7 @@ def judged(scene: Scene, gaits: Gait, differences: Differences, duration: float,
 
     @jax.jit
     def roll(start, first):
-        return jax.lax.scan(step, ((start, first), jnp.zeros((3, start[0].shape[-1]))), jnp.arange(steps))
+        return jax.lax.scan(step, ((start, first), jnp.zeros((2, start[0].shape[-1]))), jnp.arange(steps))
 
     (_, worst), fine = roll(start, first)
     fine = np.asarray(fine)

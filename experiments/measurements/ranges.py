@@ -8,11 +8,10 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from basin import drops
-from matplotlib.figure import Figure
+from driven import drops
 from pages import columns
 
 from jaxgrity import (
@@ -84,7 +83,7 @@ def reach(scan: list[Record]) -> Record:
     while high < len(scan) - 1 and rolls[high + 1]:
         high += 1
     means = [row["mean"] for row in scan[low : high + 1] if row["mean"] is not None]
-    ends = {"from": scan[low]["factor"], "to": scan[high]["factor"], "whole": low == 0 and high == len(scan) - 1}
+    ends = {"from": scan[low]["factor"], "to": scan[high]["factor"]}
     speeds = {"slowest": min(means, default=None), "fastest": max(means, default=None)}
     return {"at_the_gait": rolls[middle], **ends, **speeds}
 
@@ -146,11 +145,10 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@ranges.figure
-def figure(record: Record) -> Figure:
+@ranges.figure(11, 4.6)
+def figure(record: Record, chart: Figure) -> None:
     """Speed of those that roll, and the share of robots that do, for each quantity."""
     rows = [row | one for row in record["rows"] for one in row["scan"]]
-    chart = Figure(figsize=(11, 4.6), layout="constrained")
     grid = chart.subplots(2, len(SPANS), sharex="col", sharey="row")
     for column, name in enumerate(SPANS):
         for contact in dict.fromkeys(row["contact"] for row in rows):
@@ -168,7 +166,6 @@ def figure(record: Record) -> Figure:
     grid[0, 0].set(ylabel="speed of those that roll\n(body lengths/s)", ylim=(0, None))
     grid[1, 0].set(ylabel="robots that roll (%)")
     chart.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    return chart
 
 
 if __name__ == "__main__":

@@ -7,11 +7,10 @@ in 19 of 20 cases. On exact contact the speeds of robots along their paths, as r
 
 from collections.abc import Iterator
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import jax
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 from tqdm import tqdm
 
@@ -141,11 +140,11 @@ def words(record: Record) -> str:
     return table(head, rows)
 
 
-@redraws.figure
-def figure(record: Record) -> Figure:
+@redraws.figure()
+def figure(record: Record, chart: Figure) -> None:
     """By how much each draw is off, in ranges: within -1 and 1 a range covers."""
     errors = {f"{row['statistic']}, {row['contact']}": np.asarray(row["off"]) for row in record["rows"]}
-    chart = Figure(figsize=(8, 0.5 * len(errors) + 1.5), layout="constrained")
+    chart.set_size_inches(8, 0.5 * len(errors) + 1.5)
     axes = chart.subplots()
     for k, off in enumerate(errors.values()):
         axes.plot(off, np.full(off.shape, k), "o", color=plot.PATH, alpha=0.5, markersize=4)
@@ -155,7 +154,6 @@ def figure(record: Record) -> Figure:
         yticklabels=list(errors),
         xlabel="error of each ensemble's statistic, in half-widths of its range",
     )
-    return chart
 
 
 if __name__ == "__main__":

@@ -10,11 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import jax
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 from tqdm import tqdm
 
@@ -175,15 +174,13 @@ def watched(scene: Scene) -> dict[str, Any]:
         "periods": orbit.periods,
         "multiplier": held.largest if held is not None and np.isfinite(held.largest) else None,
         "returned": held.returned if held is not None else None,
-        "verified_for": orbit.verified_for,
     }
 
 
-@repertoire.figure
-def figure(record: Record) -> Figure:
+@repertoire.figure(7, 4.5)
+def figure(record: Record, chart: Figure) -> None:
     """The elites' spread in every cell, where they are, and the orbits of some."""
     ranges, elites = record["ranges"], {name: np.array(values) for name, values in record["elites"].items()}
-    chart = Figure(figsize=(7, 4.5), layout="constrained")
     axes = chart.subplots()
     extent = (*ranges["bend"], *ranges["speed"])
     look = {"origin": "lower", "aspect": "auto", "cmap": "viridis", "alpha": 0.7}
@@ -204,7 +201,6 @@ def figure(record: Record) -> Figure:
     axes.set(xlabel="bend (rad per body length, to the left)", ylabel="speed (body lengths/s)")
     axes.set(xlim=ranges["bend"], ylim=ranges["speed"])
     chart.legend(loc="outside upper center", ncols=3)
-    return chart
 
 
 if __name__ == "__main__":

@@ -5,10 +5,9 @@ models. Leaves robots_that_differ.json and a figure of every robot's speed.
 from collections.abc import Iterator
 from typing import Any
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns, whole_zero
 
 from jaxgrity import (
@@ -53,7 +52,6 @@ def robots_that_differ(
             size = float(body_length(scene))
             known = {"gait": name, "contact": contact, "own": scene is own}
             yield known | told(found, orbit, size) | {"speeds": found.speed / size}
-    return {"robots": robots}
 
 
 def told(found: RobotMotions, orbit: float, size: float) -> dict[str, Any]:
@@ -95,11 +93,10 @@ def degrees(angle: float) -> str:
     return f"{whole_zero(round(np.degrees(angle))):.0f}"
 
 
-@robots_that_differ.figure
-def figure(record: Record) -> Figure:
+@robots_that_differ.figure(8, 4)
+def figure(record: Record, chart: Figure) -> None:
     """The speed of every robot, sorted."""
     every = {f"{row['gait']}, {row['contact']}": np.asarray(row["speeds"]) for row in record["rows"]}
-    chart = Figure(figsize=(8, 4), layout="constrained")
     axes = chart.subplots()
     gaits = list(dict.fromkeys(name.split(", ")[0] for name in every))
     for name, found in every.items():
@@ -109,7 +106,6 @@ def figure(record: Record) -> Figure:
     axes.set(xlabel="robots (%), slowest first", ylabel="speed along the path (body lengths/s)", ylim=(0, None))
     axes.set_title("Perturbed robots")
     chart.legend(loc="outside right upper")
-    return chart
 
 
 if __name__ == "__main__":

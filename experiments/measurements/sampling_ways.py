@@ -6,11 +6,11 @@ The trials are those of goals.py across a slope, where the robot is not the mode
 from collections.abc import Iterator
 from itertools import product
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import goals
 import numpy as np
-from matplotlib.figure import Figure
+from driven import straight_on
 from pages import columns
 
 from jaxgrity.control import Sampling, lead_to
@@ -38,11 +38,11 @@ def sampling_ways(
         twin: whether the robot is the contact twin, and not the model itself
         seed: of starts, friction and samples
     """
+    policy = straight_on()
     for name, count in product(WAYS, knots):
         sampling = Sampling(samples=samples, knots=count, patience=patience, **WAYS[name])
-        policy, goal = goals.feedback(), goals.GOAL
         led = [
-            lead_to(t.robot, t.model, policy, goal, start=t.start, sampling=sampling._replace(seed=number))
+            lead_to(t.robot, t.model, policy, goals.GOAL, start=t.start, sampling=sampling._replace(seed=number))
             for number, t in enumerate(goals.drawn_trials("slope", trials, twin, seed))
         ]
         seconds = [each.seconds for each in led]
@@ -72,11 +72,11 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@sampling_ways.figure
-def figure(record: Record) -> Figure:
+@sampling_ways.figure()
+def figure(record: Record, chart: Figure) -> None:
     """Times of all trials for each way."""
     rows = record["rows"]
-    chart = Figure(figsize=(6, 0.45 * len(rows) + 1.2), layout="constrained")
+    chart.set_size_inches(6, 0.45 * len(rows) + 1.2)
     axes = chart.subplots()
     for place, row in enumerate(rows):
         axes.plot(row["seconds"], place + 0 * np.array(row["seconds"]), "o", markersize=4, alpha=0.6)
@@ -84,7 +84,6 @@ def figure(record: Record) -> Figure:
     axes.set_yticks(range(len(rows)), [f"{row['way']}, {row['knots']}" for row in rows])
     axes.set(xlabel="time to the goal (s)", ylabel="way, bends")
     axes.invert_yaxis()
-    return chart
 
 
 if __name__ == "__main__":

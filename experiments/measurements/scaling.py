@@ -9,11 +9,10 @@ import functools
 import os
 from functools import partial
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import limit as hand_written
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 from scaling_costs import (
     METHODS,
@@ -87,7 +86,6 @@ def quoted(parts: dict[str, list[Record]]) -> list[Record]:
             {
                 "method": method,
                 "devices": several["devices"],
-                "gaits": several["gaits"],
                 "speed_up": one["seconds"] / several["seconds"],
                 "populations": list(told),
                 "per_gait_and_simulated_second": [row["per_gait_and_simulated_second"] for row in told.values()],
@@ -171,10 +169,9 @@ def starting(record: Record) -> str:
     return table(["since the start of a script", "s"], rows)
 
 
-@scaling.figure
-def figure(record: Record) -> Figure:
+@scaling.figure(10, 4)
+def figure(record: Record, chart: Figure) -> None:
     """Cost per gait against the size of the population, and cost per step against the number of struts."""
-    chart = Figure(figsize=(10, 4), layout="constrained")
     left, right = chart.subplots(1, 2)
     for method in dict.fromkeys(row["method"] for row in record["population"]):
         ours = [row for row in record["population"] if row["method"] == method]
@@ -189,7 +186,6 @@ def figure(record: Record) -> Figure:
     for axes in (left, right):
         axes.grid(alpha=0.3, which="both")
         axes.legend()
-    return chart
 
 
 if __name__ == "__main__":

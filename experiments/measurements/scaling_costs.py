@@ -47,15 +47,14 @@ def confine(devices: int) -> None:
     jax.config.update("jax_num_cpu_devices", devices)
 
 
-def median_time(function: Callable, repeats: int) -> tuple[float, float]:
-    """Median wall time of a call, s, of so many or as many as take `AT_LEAST`; and what the first call took longer."""
+def median_time(function: Callable, repeats: int) -> float:
+    """Median wall time of a call, s, of so many or as many as take `AT_LEAST`, after one that compiles."""
     seconds: list[float] = []
     while len(seconds) < repeats + 1 or sum(seconds[1:]) < AT_LEAST:
         start = time.perf_counter()
         jax.block_until_ready(function())
         seconds.append(time.perf_counter() - start)
-    warm = float(np.median(seconds[1:]))
-    return warm, seconds[0] - warm
+    return float(np.median(seconds[1:]))
 
 
 def population_cost(method: str, gaits: int, repeats: int) -> dict:
@@ -75,7 +74,7 @@ def tower_cost(method: str, struts: int, repeats: int) -> dict:
 def cost(scene: Scene, method: str, gaits: int, duration: float, dt: float, repeats: int) -> dict:
     rows = gaits_of(scene.gait, random_phases(gaits, len(scene.gait.members), seed=0))
     options = SolverOptions(method=method, dt=dt, dtype="float32", any_step=True)
-    seconds, compilation = median_time(lambda: simulate_population(scene, rows, duration, options=options), repeats)
+    seconds = median_time(lambda: simulate_population(scene, rows, duration, options=options), repeats)
     step = seconds / gaits / round(duration / dt)
     return {
         "method": method,
@@ -83,7 +82,6 @@ def cost(scene: Scene, method: str, gaits: int, duration: float, dt: float, repe
         "seconds": seconds,
         "per_gait_and_simulated_second": step / dt,
         "per_gait_and_step": step,
-        "compile_seconds": compilation,
     }
 
 
@@ -104,8 +102,8 @@ def single_cost(method: str, dtype: str, repeats: int) -> dict:
     name, dt = METHODS[method]
     scene = load_scene(name)
     options = SolverOptions(method=method, dt=dt, dtype=dtype)
-    seconds, compilation = median_time(lambda: simulate(scene, 10.0, options=options), repeats)
-    return {"method": method, "dtype": dtype, "times_real_time": 10.0 / seconds, "compile_seconds": compilation}
+    seconds = median_time(lambda: simulate(scene, 10.0, options=options), repeats)
+    return {"method": method, "dtype": dtype, "times_real_time": 10.0 / seconds}
 
 
 def exponents(rows: list[dict]) -> dict[str, float]:

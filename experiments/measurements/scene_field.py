@@ -7,10 +7,9 @@ and ground, friction that is off by up to 25 %, and start from drops.
 
 from pathlib import Path
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from obstacles import ARENA, GAITS, GOAL, MARGIN, NEAR, REACH, led, told
 from pages import table
@@ -61,7 +60,6 @@ def scene_field(
     return {
         "patience": patience,
         "obstacles": len(field.radii),
-        "seconds_a_choice": sampling.interval / found.real_time,
         "robots": robots,
         **{name: sum(row[name] for row in rows) for name in ("reached", "arrived", "touched")},
         "seconds": float(np.median([row["seconds"] for row in arrived])) if arrived else None,
@@ -84,12 +82,11 @@ def words(record: Record) -> str:
     return table([f"robots among the {record['obstacles']} obstacles of a scene file", "measured"], rows)
 
 
-@scene_field.figure
-def figure(record: Record) -> Figure:
+@scene_field.figure(6.5, 3.8)
+def figure(record: Record, chart: Figure) -> None:
     """The height of the ground between obstacles, the plan from the start of the first robot, and all paths."""
     scene, paths = load_scene(Path(record["raw"]["scene"])), [row["path"] for row in record["raw"]["rows"]]
     way = way_map(discs_of(scene.ground), GOAL, ARENA, reach=REACH + NEAR)
-    chart = Figure(figsize=(6.5, 3.8), layout="constrained")
     axes = chart.subplots()
     x, y = np.meshgrid(np.linspace(-2, 12, 281), np.linspace(-5, 5, 201))
     height = np.where(room(way.discs, np.stack([x, y], -1)) > 0.1, scene.ground.height(x, y), np.nan)
@@ -103,7 +100,6 @@ def figure(record: Record) -> Figure:
     axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5, 5), xlabel="x (m)", ylabel="y (m)")
     chart.colorbar(shown, label="ground (cm)", shrink=0.7)
     axes.legend(loc="upper left")
-    return chart
 
 
 if __name__ == "__main__":

@@ -11,11 +11,10 @@ from functools import partial
 from itertools import product
 from typing import Any, Literal, get_args
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
 import searches
-from matplotlib.figure import Figure
 from pages import table
 from searches import EVOSAX, GRADIENTS, OWN_ROBOTS, Task, robust
 
@@ -153,18 +152,17 @@ def judgement(task: Task, genes: np.ndarray) -> dict[str, Any]:
     }
 
 
-def by_seed(runs: list[dict], what: str = "robust") -> dict[str, dict[int, float]]:
+def by_seed(runs: list[dict]) -> dict[str, dict[int, float]]:
     """Of each method, a distance for each seed, m; 0 where a robot failed, which is null in a file."""
     return {
-        method: {r["seed"]: float(np.nan_to_num(np.asarray(r[what], float))) for r in runs if r["method"] == method}
+        method: {r["seed"]: float(np.nan_to_num(np.asarray(r["robust"], float))) for r in runs if r["method"] == method}
         for method in dict.fromkeys(one["method"] for one in runs)
     }
 
 
 def told(runs: list[Record]) -> list[Record]:
     """Of each search: its answers' distances, which error bars are small, and on how many seeds it beats others."""
-    every, nominal, rows = by_seed(runs), by_seed(runs, "distance"), []
-    medians = {method: float(np.median([*answers.values()])) for method, answers in every.items()}
+    every, rows = by_seed(runs), []
     for method, answers in every.items():
         low, median, high = (float(x) for x in np.quantile([*answers.values()], QUARTILES))
         mine = [run for run in runs if run["method"] == method]
@@ -181,9 +179,7 @@ def told(runs: list[Record]) -> list[Record]:
                 "seeds": len(answers),
                 "median": median,
                 "quartiles": [low, high],
-                "nominal": float(np.median([*nominal[method].values()])),
                 "small_bars": sum(bool(bar / distance < SURE) for bar, distance in known),
-                "ratio_to_random": median / medians["random"] if "random" in medians else None,
                 "beats": {other: [sum(pairs[other]), len(pairs[other])] for other in OTHERS if other in pairs},
                 "polished": len(kept),
                 "polish_kept": sum(kept),
@@ -192,11 +188,10 @@ def told(runs: list[Record]) -> list[Record]:
     return rows
 
 
-@search_baselines.figure
-def figure(record: Record) -> Figure:
+@search_baselines.figure(10.5, 5)
+def figure(record: Record, chart: Figure) -> None:
     """How far the best of each search rolled, by its own ensemble, against what it had spent; and the answers."""
     name, runs = record["scene"], record["rows"]
-    chart = Figure(figsize=(10.5, 5), layout="constrained")
     left, right = chart.subplots(1, 2, sharey=True)
     for k, (method, answers) in enumerate(by_seed(runs).items()):
         traces = [one["trace"] for one in runs if one["method"] == method]
@@ -212,7 +207,6 @@ def figure(record: Record) -> Figure:
     chart.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=5)
     right.set(title=f"{name}: answers, by {JUDGES} robots")
     right.set_xticks(range(k + 1), by_seed(runs), rotation=30, ha="right")
-    return chart
 
 
 if __name__ == "__main__":

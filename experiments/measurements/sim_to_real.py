@@ -7,14 +7,13 @@ gait is then foretold for robots that are plausible before and after, with the s
 from functools import partial
 from typing import Any
 
-from measurement import Record, measurement
+from measurement import Figure, Record, check_names, measurement
 
 import jax
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 
-from jaxgrity import InputError, Scene, SolverOptions, gait_names, load_gait, load_scene, simulate, with_gait
+from jaxgrity import Scene, SolverOptions, gait_names, load_gait, load_scene, simulate, with_gait
 from jaxgrity.identification import (
     Identified,
     Parameter,
@@ -50,8 +49,7 @@ def sim_to_real(gait: str = "lasting", robots: int = 128, seen: float = 0.6, see
         seen: s, for which the throw is seen
         seed: of all draws
     """
-    if gait not in gait_names():
-        raise InputError(f"gait = {gait!r}: unknown; expected one of {', '.join(gait_names())}")
+    check_names("gait", (gait,), gait_names())
     random = np.random.default_rng(seed)
     scene, moves = with_gait(load_scene("reference"), None), load_gait(gait)
     truth = changed(scene, PARAMETERS, random.uniform(-1, 1, len(PARAMETERS)))
@@ -139,11 +137,10 @@ def facts_of(each: SpeedForecast, identified: Identified | None) -> dict[str, An
     }
 
 
-@sim_to_real.figure
-def figure(record: Record) -> Figure:
+@sim_to_real.figure(10, 3.4)
+def figure(record: Record, chart: Figure) -> None:
     """Speeds of all robots, sorted, and what each parameter is worth knowing, before and after."""
     forecasts = record["forecasts"]
-    chart = Figure(figsize=(10, 3.4), layout="constrained")
     sorted_speeds, *bars = chart.subplots(1, 1 + len(forecasts))
     kinds = {"gradient_share": "by the orbit's gradient", "share": "over the robots"}
     for axes, (name, each) in zip(bars, forecasts.items()):
@@ -161,7 +158,6 @@ def figure(record: Record) -> Figure:
     sorted_speeds.set(xlabel="plausible robots (%), slowest first", ylabel="steady speed (m/s)", ylim=(0, None))
     sorted_speeds.set_title("Forecast")
     sorted_speeds.legend()
-    return chart
 
 
 if __name__ == "__main__":

@@ -4,10 +4,9 @@ slowest mode, whose damping ratio is scanned.
 
 from pathlib import Path
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
@@ -45,8 +44,7 @@ def spine_dynamics(ratios: tuple[float, ...] = RATIOS, tables: Path = FOLDER) ->
     freedom = len(seen["time"]) - 4
     kept = np.array(ratios)[squares <= squares.min() * (1 + WIDER / freedom)]
     facts = {"lowest": modes.min(0), "highest": modes.max(0), "frequency": frequency}
-    facts |= {"misfit": np.sqrt(squares.min() / freedom), "ratios": [kept.min(), kept.max()]}
-    return facts | {"tried": [min(ratios), max(ratios)], "fits": fits, "seen": seen}
+    return facts | {"ratios": [kept.min(), kept.max()], "tried": [min(ratios), max(ratios)], "fits": fits, "seen": seen}
 
 
 def seen_in(tables: Path) -> dict[str, np.ndarray]:
@@ -99,11 +97,10 @@ def words(record: Record) -> str:
     return table(["mean response to a command", "measured"], rows)
 
 
-@spine_dynamics.figure
-def figure(record: Record) -> Figure:
+@spine_dynamics.figure(9, 3.4)
+def figure(record: Record, chart: Figure) -> None:
     """The mean response and that of least and most damping; chi^2 over the damping ratio."""
     seen, frequency, fits = record["seen"], record["frequency"], record["fits"]
-    chart = Figure(figsize=(9, 3.4), layout="constrained")
     left, right = chart.subplots(1, 2)
     left.errorbar(seen["time"], seen["progress"], 2 * seen["standard_error"], fmt=".", color="0.4", label="camera")
     times = np.linspace(-1, 1, 400)
@@ -116,7 +113,6 @@ def figure(record: Record) -> Figure:
     right.semilogx([fit["ratio"] for fit in fits], squares, "o-")
     right.set(xlabel="damping ratio", ylabel="sum of squares (standard errors)", title="Misfit")
     right.set_ylim(0, 1.2 * max(squares))
-    return chart
 
 
 if __name__ == "__main__":

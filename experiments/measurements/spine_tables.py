@@ -30,8 +30,6 @@ class Settings:
     """folder with inputs.csv, commands_DATE.csv and camera_DATE.csv"""
     out: Path = Path(__file__).parent / "spine"
     """folder for the tables"""
-    quick: bool = False
-    """it is quick anyway"""
 
 
 def main(settings: Settings) -> None:

@@ -7,13 +7,12 @@ measured one is the smallest step at which it grows a thousandfold in 7000 steps
 
 from itertools import product
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns, table
 from tqdm import tqdm
 
@@ -165,11 +164,10 @@ def words(record: Record) -> str:
     return worst + "\n\n" + columns(record["limits"], cells)
 
 
-@stability.figure
-def figure(record: Record) -> Figure:
+@stability.figure(5.5, 5)
+def figure(record: Record, chart: Figure) -> None:
     """Measured against predicted, a colour for each method."""
     rows = record["rows"]
-    chart = Figure(figsize=(5.5, 5), layout="constrained")
     axes = chart.subplots()
     for name in dict.fromkeys(row["method"] for row in rows):
         mine = [row for row in rows if row["method"] == name]
@@ -179,7 +177,6 @@ def figure(record: Record) -> Figure:
     axes.fill_between(ends, 0.9 * ends, 1.1 * ends, color="k", alpha=0.1, label="within 10 %")
     axes.set(xlabel="predicted largest stable step (s)", ylabel="smallest step that diverges (s)")
     axes.legend()
-    return chart
 
 
 if __name__ == "__main__":

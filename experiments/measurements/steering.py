@@ -7,29 +7,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from basin import ENOUGH, drops
-from matplotlib.figure import Figure
+from driven import ENOUGH, bounded, dropped_loop, drops, straight_on
 from pages import columns
 
-from jaxgrity import SolverOptions, as_dtype, load_gait, load_scene
-from jaxgrity.control import (
-    Loop,
-    MotorLimits,
-    PhaseLocked,
-    Plant,
-    Steered,
-    centre_offsets,
-    drive,
-    loop_start,
-    plant_of,
-    side_by_side,
-    simulate_policy,
-)
+from jaxgrity import load_scene
+from jaxgrity.control import Loop, Plant, Steered, drive, side_by_side, simulate_policy
 from jaxgrity.report import view
 
 STRETCH, PARTS = 20.0, 8
@@ -54,14 +41,11 @@ def steering(
         seed: of the drops
         shown: s, of the replay
     """
-    scene, gait, count = load_scene("exact"), load_gait("lasting"), len(bends) * robots
-    options = SolverOptions(dt=0.01, dtype="float32")
-    plant = plant_of(scene, gait.members, motors=MotorLimits(rate=1.2), options=options)
+    scene, count, one = load_scene("exact"), len(bends) * robots, straight_on()
+    plant = bounded(scene)
     many = side_by_side(plant, count)
-    one = Steered(PhaseLocked(gait), np.array(0.0), centre_offsets(scene.structure, gait.members))
-    policy = as_dtype(jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), one), "float32")
-    start = tuple(np.moveaxis(x, 0, -1) for x in drops(scene, count, seed))
-    loop = loop_start(many, policy, jax.random.key(0), start, each=True)
+    policy = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), one)
+    loop = dropped_loop(many, policy, drops(scene, count, seed))
     each = np.repeat(bends, robots)
     paths = []
     for size in (0 * each, each, -each):
@@ -77,8 +61,7 @@ def steering(
         went_on = speeds[2][own] >= ENOUGH * np.median(speeds[1][own])
         found = {"turning": float(np.median(both)), "turning_spread": float(both.std()), "went_on": went_on.mean()}
         yield {"bend": bend, "speed": float(np.median(speeds[1][own])), **found}
-    keep_replay(plant, as_dtype(one, "float32"), max(bends), shown, out)
-    return {"robots": robots}
+    keep_replay(plant, one, max(bends), shown, out)
 
 
 def keep_replay(plant: Plant, policy: Steered, size: float, seconds: float, out: Path) -> None:
@@ -124,11 +107,10 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@steering.figure
-def figure(record: Record) -> Figure:
+@steering.figure(7, 3)
+def figure(record: Record, chart: Figure) -> None:
     """Turning and speed against the bend."""
     rows = record["rows"]
-    chart = Figure(figsize=(7, 3), layout="constrained")
     bends = [row["bend"] for row in rows]
     left, right = chart.subplots(1, 2)
     spread = [np.degrees(row["turning_spread"]) for row in rows]
@@ -136,7 +118,6 @@ def figure(record: Record) -> Figure:
     left.set(xlabel="bend", ylabel="turning (°/s), median,\nand standard deviation")
     right.plot(bends, [row["speed"] for row in rows], "o-")
     right.set(xlabel="bend", ylabel="speed (m/s)", ylim=(0, None))
-    return chart
 
 
 if __name__ == "__main__":

@@ -7,12 +7,11 @@ import time
 from collections.abc import Iterator
 from itertools import product
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import equinox as eqx
 import jax
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns
 
 from jaxgrity import FAILURES, Scene, SolverOptions, centre_path, load_scene, simulate
@@ -89,13 +88,13 @@ def words(record: Record) -> str:
     )
 
 
-@stiff.figure
-def figure(record: Record) -> Figure:
+@stiff.figure()
+def figure(record: Record, chart: Figure) -> None:
     """Steps, rejected ones included, a panel for each tolerance."""
     rows = record["rows"]
     tolerances = list(dict.fromkeys(row["tolerance"] for row in rows))
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
-    chart = Figure(figsize=(5 * len(tolerances), 4), layout="constrained")
+    chart.set_size_inches(5 * len(tolerances), 4)
     for axes, tolerance in zip(np.atleast_1d(chart.subplots(1, len(tolerances), sharey=True)), tolerances):
         for k, method in enumerate(METHODS):
             mine = [row for row in rows if row["method"] == method and row["tolerance"] == tolerance]
@@ -103,7 +102,6 @@ def figure(record: Record) -> Figure:
         axes.set_xticks(np.arange(len(scenes)) + 0.27, scenes)
         axes.set(yscale="log", ylabel="steps, accepted and rejected", title=f"tolerance {tolerance:g}")
     chart.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=len(METHODS))
-    return chart
 
 
 if __name__ == "__main__":

@@ -12,12 +12,11 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from measurement import Record, measurement
+from measurement import Figure, Record, check_names, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 
 from jaxgrity import InputError, SolverOptions, as_dtype, load_gait, load_scene
@@ -77,9 +76,7 @@ def task_baselines(
         seconds: s, of an episode
         seed: of all draws
     """
-    unknown = sorted(set(tasks) - set(TASKS))
-    if unknown:
-        raise InputError(f"tasks = {unknown}: unknown; expected some of {', '.join(TASKS)}")
+    check_names("tasks", tasks, TASKS)
     strategy, training = built(candidates), Training(generations, candidates, episodes, seed)
     for task in tasks:
         began = time.perf_counter()
@@ -98,7 +95,6 @@ def task_baselines(
             "error": {name: float(own.std(ddof=1) / np.sqrt(len(own))) for name, own in progress.items()},
             "seconds": time.perf_counter() - began,
         }
-    return {"episodes": episodes, "led": led, "generations": generations}
 
 
 @task_baselines.table
@@ -237,11 +233,11 @@ def predicted(env: Environment, training: Training, led: int) -> np.ndarray:
     return np.array(found)
 
 
-@task_baselines.figure
-def figure(record: Record) -> Figure:
+@task_baselines.figure()
+def figure(record: Record, chart: Figure) -> None:
     """Progress of each controller in each task."""
     rows = record["rows"]
-    chart = Figure(figsize=(6, 0.75 * len(rows) + 1.4), layout="constrained")
+    chart.set_size_inches(6, 0.75 * len(rows) + 1.4)
     axes = chart.subplots()
     names = (OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE)
     for k, name in enumerate(names):
@@ -255,7 +251,6 @@ def figure(record: Record) -> Figure:
     axes.grid(axis="y", visible=False)
     axes.invert_yaxis()
     chart.legend(loc="outside upper center", ncols=3)
-    return chart
 
 
 if __name__ == "__main__":

@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import limit as hand_written
 import numpy as np
-from matplotlib.figure import Figure
 from pages import columns
 
 from jaxgrity import Scene, SolverOptions, contact_twin, gaits_of, load_gait, load_scene, simulate_population, with_gait
@@ -106,11 +105,10 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@third_opinions.figure
-def figure(record: Record) -> Figure:
+@third_opinions.figure(7, 3.4)
+def figure(record: Record, chart: Figure) -> None:
     """The speed of each robot on each engine."""
     speeds = {row["engine"]: np.asarray(row["speeds"]) for row in record["rows"]}
-    chart = Figure(figsize=(7, 3.4), layout="constrained")
     axes = chart.subplots()
     for k, values in enumerate(speeds.values()):
         axes.plot(values, k + 0.15 * np.linspace(-1, 1, len(values)), "o", markersize=4)
@@ -118,7 +116,6 @@ def figure(record: Record) -> Figure:
         yticks=range(len(speeds)), yticklabels=list(speeds), xlabel="steady speed (body lengths/s)", xlim=(0, None)
     )
     axes.invert_yaxis()
-    return chart
 
 
 if __name__ == "__main__":

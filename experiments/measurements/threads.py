@@ -55,7 +55,6 @@ def threads(scenes: tuple[str, ...] = ("spine", "random"), steps: int = 100) -> 
             pool = running.enter_context(multiprocessing.get_context("spawn").Pool(1))
             found = pool.apply(milliseconds, (scene, solver, steps))
         yield {"scene": scene, "solver": solver, "busy": busy, **found}
-    return {"steps": steps}
 
 
 def spin() -> None:
@@ -76,8 +75,7 @@ def milliseconds(name: str, solver: str, steps: int) -> dict:
             motion = simulate(scene, steps * STEP, options=options, frame_rate=1 / (steps * STEP))
             np.asarray(motion.positions)
             seconds.append(time.perf_counter() - start)
-    nodes, struts = len(scene.structure.nodes), len(scene.structure.struts.edges)
-    return {"milliseconds": 1e3 * min(seconds[1:]) / steps, "nodes": nodes, "struts": struts, "failed": motion.failed}
+    return {"milliseconds": 1e3 * min(seconds[1:]) / steps, "struts": len(scene.structure.struts.edges)}
 
 
 def spine() -> Scene:

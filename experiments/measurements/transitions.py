@@ -10,26 +10,21 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from basin import ENOUGH, drops
-from matplotlib.figure import Figure
+from driven import ENOUGH, bounded, dropped_loop, drops
 from pages import table
 
-from jaxgrity import Differences, SolverOptions, load_gait, load_scene
+from jaxgrity import Differences, load_gait, load_scene
 from jaxgrity.control import (
     Blend,
     Loop,
-    MotorLimits,
     PhaseLocked,
     Plant,
     drive,
     gait_choices,
-    loop_start,
-    plant_of,
     side_by_side,
     sure_footed,
 )
@@ -64,14 +59,10 @@ def transitions(robots: int = 64, over: tuple[float, ...] = (0.0, 2.0, 5.0), see
     scene, names = load_scene("exact"), (*FACTORS, LEFT, RIGHT)
     cases = [(name, seconds) for name in names for seconds in over]
     count = len(cases) * robots
-    options = SolverOptions(dt=0.01, dtype="float32")
-    plant = plant_of(scene, load_gait("lasting").members, motors=MotorLimits(rate=1.2), options=options)
     friction = 1 + np.random.default_rng(seed).uniform(-UNKNOWN, UNKNOWN, robots)
-    many = side_by_side(plant, count, Differences(friction=np.tile(friction, len(cases))))
+    many = side_by_side(bounded(scene), count, Differences(friction=np.tile(friction, len(cases))))
     policy = both(scene, [name for name, _ in cases for _ in range(robots)])
-    q, v = (np.tile(x, (len(cases), 1, 1)) for x in drops(scene, robots, seed))
-    start = np.moveaxis(q, 0, -1), np.moveaxis(v, 0, -1)
-    loop = loop_start(many, policy, jax.random.key(0), start, each=True)
+    loop = dropped_loop(many, policy, drops(scene, robots, seed), groups=len(cases))
     shares = exchanged(np.repeat([seconds for _, seconds in cases], robots))
     speeds = {}
     _, speeds["anew"] = stretch(many, policy, loop, np.ones_like(shares))
@@ -79,7 +70,6 @@ def transitions(robots: int = 64, over: tuple[float, ...] = (0.0, 2.0, 5.0), see
     loop, speeds["after"] = stretch(many, policy, loop, shares)
     _, speeds["back"] = stretch(many, policy, loop, 1 - shares)
     yield from told(cases, {name: own.reshape(len(cases), -1) for name, own in speeds.items()})
-    return {"robots": robots}
 
 
 def both(scene, names: list[str]) -> Blend:
@@ -133,9 +123,6 @@ def told(cases: list[tuple[str, float]], speeds: dict[str, np.ndarray]) -> list[
             {
                 "gait": name,
                 "over": over,
-                "rolled": int(rolled.sum()),
-                "before": own,
-                "speed": float(np.median(speeds["after"][k])),
                 "expected": expected,
                 "anew": float(np.mean(speeds["anew"][k] >= ENOUGH * expected)),
                 "went_on": float(went_on[rolled].mean()) if rolled.any() else 0.0,
@@ -161,12 +148,11 @@ def words(record: Record) -> str:
     return table(head, rows)
 
 
-@transitions.figure
-def figure(record: Record) -> Figure:
+@transitions.figure(7, 4.2)
+def figure(record: Record, chart: Figure) -> None:
     """The share of robots that go on after each exchange, and after that back."""
     rows = record["rows"]
     names, over = list(dict.fromkeys(row["gait"] for row in rows)), list(dict.fromkeys(row["over"] for row in rows))
-    chart = Figure(figsize=(7, 4.2), layout="constrained")
     panes = chart.subplots(1, 2, sharey=True)
     shown = (
         ("went_on", "to the other gait", "robots that go on (%)"),
@@ -182,7 +168,6 @@ def figure(record: Record) -> Figure:
         axes.grid(axis="y", visible=False)
     panes[0].invert_yaxis()
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(over))
-    return chart
 
 
 if __name__ == "__main__":

@@ -94,8 +94,6 @@ class Settings:
     """folder with README.md and docs/"""
     redraw: tuple[str, ...] = ()
     """names of records in docs/measured that hold all that their figures show: their figures are drawn anew"""
-    quick: bool = False
-    """it is quick already"""
 
 
 def main(settings: Settings) -> None:

@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
-from measurement import Record, measurement
+from measurement import Figure, Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from matplotlib.figure import Figure
 from pages import table
 from spine_robot import FOLDER, POSE, Spine, load_spine, pose, resting_shapes, rms
 
@@ -44,9 +43,6 @@ def compared(spine: Spine, simulated: np.ndarray) -> dict:
     repeated = UNITS * rms(np.nanstd(spine.seen, axis=0, ddof=1), axis=0)
     mean = UNITS * np.nanmean(spine.seen - simulated, axis=(0, 1))
     return {
-        "commands": len(simulated),
-        "runs": len(spine.runs),
-        "missing": int(np.isnan(spine.seen).any(2).sum()),
         "authors": dict(zip(POSE, authors)),
         "camera": {
             name: {
@@ -62,11 +58,10 @@ def compared(spine: Spine, simulated: np.ndarray) -> dict:
     }
 
 
-@validation.figure
-def figure(record: Record) -> Figure:
+@validation.figure(9, 5.5)
+def figure(record: Record, chart: Figure) -> None:
     """The path of the vertebra, and how far the camera's poses are from the simulated ones, run by run."""
     seen, simulated = record["seen"], record["simulated"]
-    chart = Figure(figsize=(9, 5.5), layout="constrained")
     grid = chart.add_gridspec(3, 2, width_ratios=[1, 1.4])
     path = chart.add_subplot(grid[:, 0])
     for k, run in enumerate(seen):
@@ -90,7 +85,6 @@ def figure(record: Record) -> Figure:
         if k == 0:
             axes.set_title("Camera less simulation: mean, standard deviation")
     axes.set_xlabel("command")
-    return chart
 
 
 @validation.table

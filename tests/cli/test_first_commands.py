@@ -137,10 +137,10 @@ def test_diagnoses_of_other_durations_compile_nothing(compiled, reference):
 def test_simulate_makes_few_programs(tmp_path):
     """In a process of its own, with its diagnosis, its figures and its replay; some more than there are, for other
     versions of JAX."""
-    metered = ROOT / "experiments" / "measurements" / "metered.py"
+    meter = ROOT / "experiments" / "measurements" / "compile_meter.py"
     command = ("jaxgrity.cli.main", "simulate", "exact", "--duration", "0.2", "--out", str(tmp_path / "out"))
     subprocess.run(
-        [sys.executable, metered, tmp_path / "report.json", *command],
+        [sys.executable, meter, tmp_path / "report.json", *command],
         check=True,
         capture_output=True,
         env=os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path]), "JAX_NUM_CPU_DEVICES": "1"},

@@ -9,7 +9,6 @@ import pytest
 import registry
 import tyro
 import update_docs
-from matplotlib.figure import Figure
 from pages import columns
 
 
@@ -85,7 +84,7 @@ def test_rows_alone_are_a_record(tmp_path):
 
 def test_a_figure_stands_beside_its_record(tmp_path):
     squares = example()
-    squares.figure(lambda record: Figure(figsize=(1 + len(record["rows"]), 2)))
+    squares.figure(3, 2)(lambda record, chart: chart.subplots().plot([row["x"] for row in record["rows"]]))
     squares.main(squares.Settings(out=tmp_path))
     assert (tmp_path / "squares.png").stat().st_size > 100
 

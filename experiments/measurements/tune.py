@@ -1,24 +1,26 @@
-"""What the scripts that tune feedback share: the cross-entropy method, drops, and a last judgement.
+"""Gains of phase-locked feedback by the cross-entropy method, on level ground and on bumps of 2 cm.
 
 Each generation draws controllers from normal distributions, drops the same robots under each of them, and moves the
 distributions towards the best (Rubinstein 1999, doi:10.1023/A:1010091220143). A controller is ten numbers: the gains
-and the gains of swings of `PhaseLocked`, and the factors of the gait's amplitude and frequency.
+and the gains of swings of `PhaseLocked`, and the factors of the gait's amplitude and frequency. In the
+end known feedback and what was found are compared on ground and from drops on which nothing was tuned.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any, Literal, NamedTuple
+
+from measurement import Figure, Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from basin import ENOUGH, PART, drops
-from matplotlib.figure import Figure
+from driven import ENOUGH, PART, dropped_loop, drops
 from pages import table
 from tqdm import tqdm
 
 from jaxgrity import Differences, SolverOptions, as_dtype, gait_record, load_gait, load_scene
-from jaxgrity.control import PhaseLocked, Plant, Task, drive, ground_of, loop_start, plant_of, side_by_side
+from jaxgrity.control import PhaseLocked, Plant, Task, drive, ground_of, plant_of, side_by_side, sure_footed
 
 GAIT = "lasting"
 BUMPS, FAR = 0.02, 30.0
@@ -27,39 +29,77 @@ LOW, HIGH = np.array([-3.0] * 8 + [0.5] * 2), np.array([3.0] * 8 + [1.4, 1.8])
 BEST, MOVED, LEAST_SPREAD = 5, 0.4, 0.01
 """candidates towards which the distributions move, how far, and what is added to their spread"""
 OPEN_LOOP = np.array([0.0] * 8 + [1.0] * 2)
-JUDGED_BUMPS, JUDGED_DROPS = 0, 10**6
-"""seeds of ground and drops of the last judgement, on which nothing is tuned"""
+COUNTED = 1.1
+"""times the orbit's speed, beyond which being faster does not count"""
+TUNED_BUMPS, JUDGED_BUMPS, JUDGED_DROPS = 10, 0, 10**6
+"""seeds of the bumps of the search, and of ground and drops of the last judgement, on which nothing is tuned"""
 
 
 class Search(NamedTuple):
     """Where a search starts, and how wide; numbers with a spread of 0 stay."""
 
+    plant: Plant
     start: np.ndarray
     spread: np.ndarray
     worth: Callable[[np.ndarray], np.ndarray]
     """(candidates,), of the speeds (candidates, robots), m/s, over the last 5 s of 15 s"""
-
-
-@dataclass
-class Size:
     generations: int
-    candidates: int
-    robots: int
-    """dropped under each candidate"""
-    judged: int
-    """robots of the last judgement, under each controller"""
-    seed: int
-    """of candidates and drops"""
+    known: dict[str, np.ndarray]
+    """controllers that are compared with what is found"""
 
 
-def tuned(plant: Plant, search: Search, size: Size) -> tuple[np.ndarray, list[dict[str, Any]]]:
+@measurement(page="control.md", quick={"generations": 2, "candidates": 6, "robots": 2, "judged": 2}, raw=("rows",))
+def tune(
+    what: Literal["feedback", "on bumps"],
+    generations: int | None = None,
+    candidates: int = 24,
+    robots: int = 32,
+    judged: int = 256,
+    seed: int = 0,
+) -> Record:
+    """Known controllers and what was found.
+
+    Args:
+        what: gains from none on level ground, or gains, amplitude and frequency from plain feedback on bumps
+        generations: of candidates; 20 for feedback and 30 on bumps, where not given
+        candidates: in a generation
+        robots: dropped under each candidate
+        judged: robots of the last judgement, under each controller
+        seed: of candidates and drops
+    """
+    search = search_for(what)
+    found, rows = tuned(search, generations or search.generations, candidates, robots, seed)
+    return {"rows": rows, "judged": judgement(search.known | {"found by this run": found}, judged)}
+
+
+def search_for(what: str) -> Search:
+    """From open loop by speed and the share that rolls, or from plain feedback by speed on other bumps than judged."""
+    gait = load_gait(GAIT)
+    plain = numbers_of(PhaseLocked(gait))
+    if what == "feedback":
+        known = {"open loop": OPEN_LOOP, "default": plain}
+        return Search(level(), OPEN_LOOP, np.array([0.6] * 4 + [0.0] * 6), speed_and_share, 20, known)
+    known = {"plain feedback": plain, "`sure_footed`": numbers_of(sure_footed(gait))}
+    spread = np.array([0.15] * 4 + [0.1] * 4 + [0.07, 0.08])
+    return Search(rough(TUNED_BUMPS), plain, spread, lambda speeds: speeds.mean(1), 30, known)
+
+
+def speed_and_share(speeds: np.ndarray) -> np.ndarray:
+    """m/s, the mean speed, up to a bound, and as much again for the share of robots that roll."""
+    speed = orbit_speed()
+    return np.minimum(speeds, COUNTED * speed).mean(1) + speed * (speeds >= ENOUGH * speed).mean(1)
+
+
+def tuned(
+    search: Search, generations: int, candidates: int, robots: int, seed: int
+) -> tuple[np.ndarray, list[dict[str, Any]]]:
     """The mean after all generations, and of each generation what its start, its mean and its best are worth."""
-    draw, mean, spread = np.random.default_rng(size.seed), search.start, search.spread
+    draw, mean, spread = np.random.default_rng(seed), search.start, search.spread
     rows: list[dict[str, Any]] = []
-    for number in tqdm(range(size.generations), unit="generation"):
-        tried = np.clip(mean + spread * draw.standard_normal((size.candidates, len(mean))), LOW, HIGH)
+    for number in tqdm(range(generations), unit="generation"):
+        tried = np.clip(mean + spread * draw.standard_normal((candidates, len(mean))), LOW, HIGH)
         tried[0], tried[1] = search.start, mean
-        worth = search.worth(dropped(plant, tried, size.robots, 1000 * (size.seed + 1) + number))
+        worth = search.worth(dropped(search.plant, tried, robots, 1000 * (seed + 1) + number))
         best = np.argsort(-worth)[:BEST]
         rows.append({"start": worth[0], "mean": worth[1], "best": worth[best[0]], "numbers": mean})
         mean = (1 - MOVED) * mean + MOVED * tried[best].mean(0)
@@ -77,9 +117,8 @@ def dropped(plant: Plant, tried: np.ndarray, each: int, seed: int) -> np.ndarray
     many = side_by_side(plant, count, Differences(terrain=np.tile(places, (len(tried), 1))) if uneven else None)
     q, v = drops(load_scene("exact"), each, seed)
     q = q + np.array([0, 0, 4 * BUMPS if uneven else 0])
-    start = tuple(np.moveaxis(np.tile(x, (len(tried), 1, 1)), 0, -1) for x in (q, v))
     policy = feedback(np.moveaxis(np.repeat(tried, each, axis=0), 0, -1))
-    loop = loop_start(many, policy, jax.random.key(0), start, each=True)
+    loop = dropped_loop(many, policy, (q, v), groups=len(tried))
     there = drive(many, policy, loop, round(PART / many.period), 3, each=True)
     moved = np.asarray(there.path)[-2:, :2]
     speeds = np.where(np.asarray(there.failure) == 0, np.linalg.norm(moved[1] - moved[0], axis=0) / PART, 0)
@@ -120,18 +159,19 @@ def orbit_speed() -> float:
     return float(gait_record(GAIT)["steady"]["speed"])
 
 
-def judgement(controllers: dict[str, np.ndarray], size: Size) -> list[dict[str, Any]]:
+def judgement(controllers: dict[str, np.ndarray], robots: int) -> list[dict[str, Any]]:
     """Of controllers by name: the share of robots that roll and the mean speed, on ground and from drops of its own."""
     tried = np.array(list(controllers.values()))
     rows = [{"name": name, "numbers": numbers} for name, numbers in controllers.items()]
     for where, plant in (("level", level()), ("bumps", rough(JUDGED_BUMPS))):
-        speeds = dropped(plant, tried, size.judged, JUDGED_DROPS)
+        speeds = dropped(plant, tried, robots, JUDGED_DROPS)
         for row, own in zip(rows, speeds):
             row[where] = {"rolling": float(np.mean(own >= ENOUGH * orbit_speed())), "speed": float(own.mean())}
     return rows
 
 
-def words(record: dict[str, Any]) -> str:
+@tune.table
+def words(record: Record) -> str:
     """What known feedback and that of a run are made of, and what they are worth."""
     rows = []
     for row in record["judged"]:
@@ -143,9 +183,9 @@ def words(record: dict[str, Any]) -> str:
     return table([*head, "level ground", "bumps of 2 cm"], rows)
 
 
-def figure(record: dict[str, Any]) -> Figure:
+@tune.figure(5, 3.2)
+def figure(record: Record, chart: Figure) -> None:
     """Fitness of the best, the mean and the start in each generation."""
-    chart = Figure(figsize=(5, 3.2), layout="constrained")
     axes = chart.subplots()
     for name, label in (
         ("best", "best candidate"),
@@ -156,4 +196,7 @@ def figure(record: dict[str, Any]) -> Figure:
     axes.set(xlabel="generation", ylabel="fitness (m/s)", ylim=(0, None))
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.legend()
-    return chart
+
+
+if __name__ == "__main__":
+    tune.run()
