@@ -59,14 +59,11 @@ validate: .venv/.installed-test
 	$(BIN)/python experiments/measurements/spine_dynamics.py
 	$(BIN)/python experiments/measurements/update_docs.py
 
-# Everything that the docs quote; some hours on 2 cores, which should have nothing else to do.
-# First those that are registered, then those with options and what needs results of others.
+# What the library does, as the docs quote it; more than an hour on 2 cores, which should have nothing else to do.
+# First those that are registered, then what has options. Nothing runs experiments/studies/ but you.
 measure: .venv/.installed-test
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[baselines]'
-	for name in $$($(BIN)/python experiments/measurements/registry.py) design_gradient; do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
-	$(BIN)/python experiments/measurements/scaling.py
+	for name in $$($(BIN)/python experiments/measurements/registry.py); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
 	$(BIN)/python experiments/measurements/benchmark.py --mujoco
-	$(BIN)/python experiments/measurements/third_opinions.py
 	$(BIN)/python experiments/docs_tables/watch_gaits.py
 	$(BIN)/python experiments/gait_search.py --restart
 	$(BIN)/python experiments/measurements/update_docs.py

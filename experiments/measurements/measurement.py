@@ -160,7 +160,7 @@ def measurement(
         page: the page that quotes it, in docs/, or README.md
         quick: settings with which it takes at most a minute
         raw: names of what the page does not quote, in the record and in its rows
-        listed: whether `make measure` runs it as it is; one that needs options has a line in the Makefile, if any
+        listed: whether `make measure` runs it as it is; one that needs options has a line in the Makefile
     """
     return lambda function: Measurement(function, page, quick, raw, listed)
 

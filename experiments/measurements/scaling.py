@@ -38,7 +38,6 @@ PARTS = ("devices", "population", "struts", "single", "C")
     page="scaling.md",
     quick={"methods": ("complementarity",), "sizes": (16,), "struts": (6, 12), "repeats": 1, "shared": True},
     raw=PARTS,
-    listed=False,
 )
 def scaling(
     methods: tuple[str, ...] = tuple(METHODS),

@@ -30,7 +30,7 @@ from jaxgrity.cli.search import SearchSettings
 EXPERIMENTS = Path(__file__).parents[2] / "experiments"
 SCRIPTS = sorted(
     path.relative_to(EXPERIMENTS)
-    for folder in ("", "docs_tables", "measurements")
+    for folder in ("", "docs_tables", "measurements", "studies")
     for path in (EXPERIMENTS / folder).glob("*.py")
     if re.search(r"\n    (run\(main, Settings\)|\w+\.run\(\))", path.read_text(encoding="utf-8"))
 )
@@ -149,7 +149,7 @@ def test_a_refusal_ends_with_exit_code_2(tmp_path):
 @pytest.mark.campaign
 def test_error_bars_are_honest(tmp_path):
     """On both models, gaits that nothing was tuned on: nearly all covered, by bars of a few errors."""
-    facts = quick("measurements/error_bars.py", tmp_path)
+    facts = quick("studies/error_bars.py", tmp_path)
     assert [row["scene"] for row in facts["rows"]] == ["reference", "exact"]
     for row in facts["rows"]:
         assert row["covered"] >= 0.85
@@ -160,7 +160,7 @@ def test_error_bars_are_honest(tmp_path):
 @pytest.mark.campaign
 def test_the_models_tend_to_each_other(tmp_path):
     """A drop: penalty contact to exact contact, spring struts to rigid ones where nothing slips, at first order."""
-    facts = quick("measurements/equivalence.py", tmp_path)
+    facts = quick("studies/equivalence.py", tmp_path)
     laws = {row["grows"]: row for row in facts["rows"]}
     assert laws["k_n"]["slope"] == pytest.approx(-1, abs=0.15)
     assert laws["K, no friction"]["slope"] == pytest.approx(-1, abs=0.15)
@@ -171,7 +171,7 @@ def test_the_models_tend_to_each_other(tmp_path):
 @pytest.mark.campaign
 def test_implicit_methods_take_fewer_steps_on_stiff_scenes(tmp_path):
     """Than Tsit5, to the same tolerance: struts, ground and friction made stiff, alone and together."""
-    facts = quick("measurements/stiff.py", tmp_path)
+    facts = quick("studies/stiff.py", tmp_path)
     by_method = {m: [r for r in facts["rows"] if r["method"] == m] for m in ("tsit5", "kvaerno3", "kvaerno5")}
     for explicit, third, fifth in zip(*by_method.values()):
         assert explicit["outcome"] == third["outcome"] == fifth["outcome"] == "succeeded"
@@ -222,7 +222,7 @@ def test_random_structures_among_the_hard_cases_are_the_first_small_ones():
 @pytest.mark.campaign
 def test_hard_cases_have_no_silently_wrong_number(tmp_path):
     """Three cases by three methods, in both precisions; one of them is refused with the reason."""
-    facts = quick("measurements/hard_cases.py", tmp_path)
+    facts = quick("studies/hard_cases.py", tmp_path)
     assert facts["counts"]["WRONG"] == 0
     assert facts["counts"]["right"] >= 4
     below = facts["rows"][0]
@@ -310,7 +310,7 @@ def test_searches_are_compared_at_equal_cost(tmp_path):
     """Random search, the GA, the GA running on, and with polish, quick: the same budget to a few generations, and
     judged alike."""
     methods = ["random", "GA", "GA+more", "GA+smoothed"]
-    facts = quick("measurements/search_baselines.py", tmp_path, "--methods", *methods)
+    facts = quick("studies/search_baselines.py", tmp_path, "--methods", *methods)
     assert [row["method"] for row in facts["methods"]] == ["plain random", *methods]
     assert "| GA+smoothed |" in words("search_baselines", facts)
     for one in facts["rows"]:
@@ -321,7 +321,7 @@ def test_searches_are_compared_at_equal_cost(tmp_path):
 @pytest.mark.campaign
 def test_nothing_is_lost_in_a_crash(tmp_path):
     """A search that is killed, and resumed, ends with the population of one that was not; no file is broken."""
-    done = run("measurements/crash_recovery.py", "--quick", "--out", tmp_path)
+    done = run("studies/crash_recovery.py", "--quick", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     facts = json.loads((tmp_path / "crash_recovery.json").read_text())
     (row,) = facts["rows"]
@@ -334,7 +334,7 @@ def test_nothing_is_lost_in_a_crash(tmp_path):
 @pytest.mark.campaign
 def test_ranges_are_drawn_again(tmp_path):
     """Seven statistics of two gaits on exact contact, and the words that are made of them."""
-    facts = quick("measurements/redraws.py", tmp_path / "redraws")
+    facts = quick("studies/redraws.py", tmp_path / "redraws")
     assert len(facts["rows"]) == 7
     assert all(0 <= row["covered"] <= 1 for row in facts["rows"])
     assert "| mean speed of straight | 95 % |" in words("redraws", facts)
@@ -372,7 +372,7 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     assert "| 0.1 | " in words("steering", facts)
     facts = quick("measurements/transitions.py", tmp_path / "transitions")
     assert "| left | " in words("transitions", facts)
-    facts = quick("measurements/sampling_ways.py", tmp_path / "sampling_ways")
+    facts = quick("studies/sampling_ways.py", tmp_path / "sampling_ways")
     assert "| two rounds, 3 bends | 0 of 1 |" in words("sampling_ways", facts)
     for ground in ("slope", "bumps"):
         name = f"goals_{ground}"
@@ -381,7 +381,7 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     facts = quick("measurements/environments.py", tmp_path / "environments")
     assert facts["rows"][0]["repeated"]
     assert "| heading | 800 | " in words("environments", facts)
-    facts = quick("measurements/tune.py", tmp_path / "tune", "--what", "feedback")
+    facts = quick("studies/tune.py", tmp_path / "tune", "--what", "feedback")
     assert "| found by this run |" in words("tune", facts)
     judged = {row["name"]: row for row in facts["judged"]}
     assert judged["found by this run"]["numbers"][4:] == judged["default"]["numbers"][4:] == [0.0] * 4 + [1.0] * 2
@@ -392,7 +392,7 @@ def test_orbits_are_followed_gaits_polished_and_a_repertoire_filled(tmp_path):
     """Quick sizes: what the tables of docs/gait_records.md about them are made of."""
     facts = quick("measurements/continuation.py", tmp_path / "continuation")
     assert "| friction | 0.90 times, no further tried | 1.00 times" in words("continuation", facts)
-    facts = quick("measurements/polish_comparison.py", tmp_path / "polish")
+    facts = quick("studies/polish_comparison.py", tmp_path / "polish")
     assert [row["way"] for row in facts["rows"]] == ["search runs on", "search with overtones", "smoothed", "orbit"]
     assert "| search with overtones |" in words("polish_comparison", facts)
     assert all(row["spent"] <= facts["rollouts"] for row in facts["rows"])
@@ -404,7 +404,7 @@ def test_orbits_are_followed_gaits_polished_and_a_repertoire_filled(tmp_path):
 @pytest.mark.campaign
 def test_multipliers_are_told_of_an_orbit_that_attracts_and_of_one_that_strays(tmp_path):
     """Quick size: neutral ones are 1 on both; what is left of a small disturbance tells the two apart."""
-    facts = quick("measurements/multipliers.py", tmp_path)
+    facts = quick("studies/multipliers.py", tmp_path)
     straight, first = facts["rows"]
     assert max(straight["neutral_off"], first["neutral_off"]) < 1e-8
     assert straight["derivative"][1] < 0.2
@@ -423,9 +423,9 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
     assert (tmp_path / "obstacles" / "replay.html").exists()
     facts = quick("measurements/scene_field.py", tmp_path / "scene_field")
     assert "| goal reached, nothing touched | 0 of 2 |" in words("scene_field", facts)
-    facts = quick("measurements/predictive_speed.py", tmp_path / "predictive_speed")
+    facts = quick("studies/predictive_speed.py", tmp_path / "predictive_speed")
     assert "| 8 | " in words("predictive_speed", facts)
-    facts = quick("measurements/tune.py", tmp_path / "tune", "--what", "on bumps")
+    facts = quick("studies/tune.py", tmp_path / "tune", "--what", "on bumps")
     assert "| `sure_footed` |" in words("tune", facts)
     found = next(row for row in facts["judged"] if row["name"] == "found by this run")
     assert found["numbers"] != facts["judged"][0]["numbers"]
@@ -434,12 +434,12 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
 @pytest.mark.campaign
 def test_robots_are_designed(tmp_path):
     """Quick size: what the table of docs/gait_records.md about it is made of; limits are kept."""
-    facts = quick("measurements/design_study.py", tmp_path)
+    facts = quick("studies/design_study.py", tmp_path)
     assert [row["kind"] for row in facts["rows"]] == ["gait alone", "robot and gait"]
     assert all(row["peak_power"] <= 160 and row["strut_force"] <= facts["limits"][0] for row in facts["rows"])
     assert "| robot and gait | 160 W | **" in words("design_study", facts)
     study = tmp_path / "design_study.json"
-    climbed = quick("measurements/design_gradient.py", tmp_path / "climbs", "--study", study)
+    climbed = quick("studies/design_gradient.py", tmp_path / "climbs", "--study", study)
     (row,) = climbed["rows"]
     assert row["power"] == 160
     assert row["kept"] <= row["steps"] <= 4
@@ -466,9 +466,9 @@ def test_speeds_are_foretold(tmp_path):
 def test_baselines_of_tasks_need_evosax_and_leave_a_table(tmp_path):
     """With it the quick size makes a table; without it there is one clear line."""
     if importlib.util.find_spec("evosax") is None:
-        done = run("measurements/task_baselines.py", "--quick", "--out", tmp_path)
+        done = run("studies/task_baselines.py", "--quick", "--out", tmp_path)
         assert done.returncode == 2
         assert "needs evosax" in done.stderr
         return
-    facts = quick("measurements/task_baselines.py", tmp_path)
+    facts = quick("studies/task_baselines.py", tmp_path)
     assert "| heading | " in words("task_baselines", facts)

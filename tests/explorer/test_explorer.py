@@ -274,7 +274,7 @@ def test_a_task_that_is_not_possible_says_so(exact):
 
 @pytest.mark.campaign
 def test_a_long_session_does_not_grow(page):
-    """As experiments/measurements/explorer_session.py measures 500 rollouts of it."""
+    """As experiments/studies/explorer_session.py measures 500 rollouts of it."""
     facts = session(page, 40)
     assert facts["largest_growth"] < 0.1
     assert facts["compiled_later"] == 0

@@ -42,7 +42,7 @@ TRIED = np.array([0.5, 0.65, 0.8, 0.899, 1.099])
     ],
 )
 def test_predicted_within_a_tenth_of_measured(number, rigid):
-    """Random robots in equilibrium, by every method that takes them; experiments/stability.py has twenty."""
+    """Random robots in equilibrium, by every method that takes them; experiments/studies/stability.py has twenty."""
     scene = random_scene(number, contact=number % 2 == 1, damped=number % 4 > 1, rigid=rigid)
     state = at_rest(scene)
     for method in METHODS.values():

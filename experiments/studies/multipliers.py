@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import numpy as np
 from pages import columns

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from measurement import Record, measurement
+from shared import Record, measurement
 
 import numpy as np
 from pages import columns

@@ -3,7 +3,7 @@
 import time
 from pathlib import Path
 
-from measurement import Record, measurement
+from shared import Record, measurement
 
 import jax
 import numpy as np

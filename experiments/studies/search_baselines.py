@@ -11,7 +11,7 @@ from functools import partial
 from itertools import product
 from typing import Any, Literal, get_args
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import numpy as np
 import searches

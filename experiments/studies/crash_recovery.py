@@ -16,7 +16,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from measurement import Record, measurement
+from shared import Record, measurement
 
 import numpy as np
 from pages import table

@@ -7,7 +7,7 @@ The speed at the default step is compared with that at an eighth of it, and with
 from collections.abc import Iterator
 from typing import Any
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import numpy as np
 from pages import columns

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from measurement import Figure, Record, check_names, measurement
+from shared import Figure, Record, check_names, measurement
 
 import numpy as np
 from pages import columns

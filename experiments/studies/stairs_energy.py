@@ -6,7 +6,7 @@ jumps: what the balance of energy misses there is an error of the step.
 
 from collections.abc import Iterator
 
-from measurement import Record, measurement
+from shared import Record, measurement
 
 import numpy as np
 from pages import columns

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from measurement import Figure, Record, check_names, measurement
+from shared import Figure, Record, check_names, measurement
 
 import jax
 import jax.numpy as jnp

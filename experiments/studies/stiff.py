@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from itertools import product
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import equinox as eqx
 import jax

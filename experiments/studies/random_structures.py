@@ -12,7 +12,7 @@ from multiprocessing import get_context
 from typing import NamedTuple
 
 from jaxgrity.cli.script import configure, cores
-from measurement import Record, measurement
+from shared import Record, measurement
 
 import jax
 import jax.numpy as jnp

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Any, NamedTuple
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import numpy as np
 from design_space import GAIT_ALONE, HIGHEST, LOWEST, NAMES, Limits, Tried, keeps, on_orbit, tried

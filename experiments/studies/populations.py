@@ -11,7 +11,7 @@ from itertools import product
 from pathlib import Path
 
 from jaxgrity.cli.script import measured
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import jax
 import numpy as np
@@ -32,7 +32,6 @@ COMPARED = 256
     page="scaling.md",
     quick={"largest": SIZES[0], "methods": ("complementarity",)},
     raw=("rows", "ends", "device", "jax"),
-    listed=False,
 )
 def populations(
     largest: int = SIZES[-1], methods: tuple[str, ...] = tuple(METHODS), beside: Path | None = None

@@ -2,15 +2,15 @@
 
 Each generation draws controllers from normal distributions, drops the same robots under each of them, and moves the
 distributions towards the best (Rubinstein 1999, doi:10.1023/A:1010091220143). A controller is ten numbers: the gains
-and the gains of swings of `PhaseLocked`, and the factors of the gait's amplitude and frequency. In the
-end known feedback and what was found are compared on ground and from drops on which nothing was tuned.
+and the gains of swings of `PhaseLocked`, and the factors of the gait's amplitude and frequency. In the end
+known feedback and what was found are compared on ground and from drops on which nothing was tuned.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import jax
 import jax.numpy as jnp

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from jaxgrity.cli.script import configure
-from measurement import Figure, Record, check_names, measurement
+from shared import Figure, Record, check_names, measurement
 
 import numpy as np
 from cases import CASES, Case

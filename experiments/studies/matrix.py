@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from measurement import Record, measurement
+from shared import Record, measurement
 
 import jax
 from matrix_calls import CALLS, reaching

@@ -7,7 +7,7 @@ measured one is the smallest step at which it grows a thousandfold in 7000 steps
 
 from itertools import product
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import equinox as eqx
 import jax

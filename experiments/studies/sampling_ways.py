@@ -6,7 +6,7 @@ The trials are those of goals.py across a slope, where the robot is not the mode
 from collections.abc import Iterator
 from itertools import product
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import goals
 import numpy as np

@@ -12,7 +12,7 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from measurement import Figure, Record, check_names, measurement
+from shared import Figure, Record, check_names, measurement
 
 import jax
 import jax.numpy as jnp

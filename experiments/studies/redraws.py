@@ -7,7 +7,7 @@ in 19 of 20 cases. On exact contact the speeds of robots along their paths, as r
 
 from collections.abc import Iterator
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import jax
 import numpy as np

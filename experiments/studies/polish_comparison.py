@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import numpy as np
 from pages import table

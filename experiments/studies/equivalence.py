@@ -11,7 +11,7 @@ depends on the order; a rigid one takes it at once. Without friction it goes.
 from collections.abc import Callable, Iterator
 from typing import Literal
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import equinox as eqx
 import numpy as np

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import jax
 import jax.numpy as jnp
@@ -38,7 +38,7 @@ WATCHED = 100.0
 """s, for an orbit"""
 
 
-@measurement(page="gait_records.md", quick={"steps": 1, "last": 1}, raw=("each", "slopes", "limits"), listed=False)
+@measurement(page="gait_records.md", quick={"steps": 1, "last": 1}, raw=("each", "slopes", "limits"))
 def design_gradient(
     study: Path = Path("results/design_study/design_study.json"),
     steps: int = 8,

@@ -7,7 +7,7 @@ controller.
 
 from collections.abc import Iterator
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import numpy as np
 from driven import bounded, straight_on

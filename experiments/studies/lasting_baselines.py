@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from itertools import product
 from typing import Literal, NamedTuple, get_args
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import jax
 import numpy as np

@@ -13,7 +13,7 @@ from itertools import product
 from unittest import mock
 
 from jaxgrity.cli.script import cores
-from measurement import Record, measurement
+from shared import Record, measurement
 
 import jax.numpy as jnp
 import numpy as np
@@ -37,7 +37,7 @@ SOLVERS = {
 """what takes the place of what"""
 
 
-@measurement(page="performance.md", quick={"scenes": ("spine",), "steps": 10}, listed=False)
+@measurement(page="performance.md", quick={"scenes": ("spine",), "steps": 10})
 def threads(scenes: tuple[str, ...] = ("spine", "random"), steps: int = 100) -> Iterator[Record]:
     """A row for each structure and solver, on an idle and on a busy machine.
 

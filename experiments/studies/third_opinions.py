@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import limit as hand_written
 import numpy as np
@@ -25,7 +25,6 @@ Ends = Callable[[np.ndarray, float], np.ndarray]
     page="gait_records.md",
     quick={"robots": 2, "settled": 5.0, "duration": 10.0, "mujoco": False},
     raw=("speeds",),
-    listed=False,
 )
 def third_opinions(
     gait: str = "straight",

@@ -7,7 +7,7 @@ rollout at a step 16 times smaller.
 from collections.abc import Iterator
 from itertools import product
 
-from measurement import Figure, Record, measurement
+from shared import Figure, Record, measurement
 
 import equinox as eqx
 import numpy as np
