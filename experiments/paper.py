@@ -15,8 +15,7 @@ from typing import Any
 
 from jaxgrity.cli.script import configure, run
 
-from measurements.compact_json import save_compact
-from measurements.pages import fill_page, table
+from measurements.pages import fill_page, save_compact, table
 from paper_claims.report import VERDICTS
 from tqdm import tqdm
 

@@ -6,7 +6,6 @@ shapes are compared with those that the orbit goes through, with any symmetric n
 """
 
 from collections.abc import Iterator
-from itertools import product
 from typing import Any
 
 from measurement import Figure, Record, measurement
@@ -15,17 +14,7 @@ import numpy as np
 from driven import ENOUGH, PART, drops
 from pages import columns
 
-from jaxgrity import (
-    Differences,
-    Scene,
-    contact_twin,
-    gait_record,
-    gaits_of,
-    load_gait,
-    load_scene,
-    simulate_population,
-    with_gait,
-)
+from jaxgrity import Differences, Scene, contact_twin, gaits_of, load_gait, load_scene, simulate_population, with_gait
 from jaxgrity.orbits import distance_from_orbit, find_orbit
 
 NEAR = 0.05
@@ -34,29 +23,27 @@ NEAR = 0.05
 
 @measurement(page="gait_records.md", quick={"robots": 8, "duration": 20.0, "contacts": ("own",)}, raw=("shares",))
 def basin(
-    gaits: tuple[str, ...] = ("straight",),
     contacts: tuple[str, ...] = ("own", "other"),
     robots: int = 256,
     duration: float = 60.0,
     seed: int = 0,
 ) -> Iterator[Record]:
-    """A row for each gait on each contact model.
+    """A row for each contact model.
 
     Args:
-        gaits: names of the library's gaits
         contacts: contact models
         robots: dropped on each of them
         duration: s
         seed: of the drops
     """
-    scenes = [with_gait(load_scene(gait_record(name)["scene"]), load_gait(name)) for name in gaits]
-    for (name, own), contact in product(zip(gaits, scenes), contacts):
+    own = with_gait(load_scene("exact"), load_gait("straight"))
+    for contact in contacts:
         scene = own if contact == "own" else contact_twin(own)
         where = "exact" if scene.constrained else "penalty"
         orbit = find_orbit(scene, max(120.0, 2 * duration))
         speeds, ends = dropped(scene, robots, duration, seed)
         rolling = speeds >= ENOUGH * orbit.speed
-        row = {"gait": name, "contact": where, "own": contact == "own", "speed": orbit.speed, **told(rolling)}
+        row = {"gait": "straight", "contact": where, "own": contact == "own", "speed": orbit.speed, **told(rolling)}
         near = distance_from_orbit(scene, orbit, ends) <= NEAR * orbit.body_length
         yield {**row, "on_the_orbit": float(near.mean()), "shares": rolling.mean(0)}
 

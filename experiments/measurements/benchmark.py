@@ -13,8 +13,7 @@ from measurement import Figure, Record, measurement
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpy_loop
-from engines import C_SWEEPS, Engine, clock, engines, ours, seconds_of
+from engines import C_SWEEPS, Engine, clock, engines, numpy_roll, ours, seconds_of
 from pages import table
 from tqdm import tqdm
 
@@ -208,7 +207,7 @@ def measure(
 def numpy_cost(scene: Scene, phase: np.ndarray) -> tuple[float, float]:
     """Wall time per simulated second of the plain loop, s, and how far it ends from the library's answer, m."""
     start = time.perf_counter()
-    end = numpy_loop.roll(scene, phase, NUMPY_DURATION, 5e-4)
+    end = numpy_roll(scene, phase, NUMPY_DURATION, 5e-4)
     seconds = time.perf_counter() - start
     answer = ours(scene, phase[None], NUMPY_DURATION, "rk4", "float64", 5e-4)[0][0]
     return seconds / NUMPY_DURATION, float(np.abs(end - answer).max())

@@ -40,18 +40,17 @@ SETTLING, SHOWN = 8, 24
 
 
 @measurement(page="gait_records.md", quick={"quick_values": True}, raw=("each", "speed", "body_length"))
-def continuation(gait: str = "straight", robots: int = 32, quick_values: bool = False) -> Iterator[Record]:
+def continuation(gait: str = "straight", quick_values: bool = False) -> Iterator[Record]:
     """A row for each quantity.
 
     Args:
         gait: of the library, for the scene "exact"
-        robots: by which the multipliers are fitted
         quick_values: friction alone, two values
     """
     scene = with_gait(load_scene("exact"), load_gait(gait))
     own = find_orbit(scene, 2 * WATCHED / float(scene.gait.frequency[0]))
     for name, ways in ({"friction": (np.array([1.0, 0.9]),)} if quick_values else VALUES).items():
-        each = [row for values in ways for row in followed(scene, own, name, tqdm(values, desc=name), robots)]
+        each = [row for values in ways for row in followed(scene, own, name, tqdm(values, desc=name))]
         yield {"quantity": name, **span(each), "each": each}
     return {"speed": own.speed, "body_length": own.body_length}
 
@@ -74,13 +73,13 @@ def span(every: list[Record]) -> Record:
     }
 
 
-def followed(scene: Scene, own: Orbit, name: str, values: np.ndarray, robots: int) -> Iterator[dict[str, Any]]:
+def followed(scene: Scene, own: Orbit, name: str, values: np.ndarray) -> Iterator[dict[str, Any]]:
     """What becomes of the orbit at each of the values, up to the first at which it is lost."""
     last, watch = own, WATCHED * own.period
     for value in values:
         there = changed(scene, own, name, float(value))
         last = find_orbit(there, watch, beginning=last)
-        row = told(there, last, own, robots)
+        row = told(there, last, own)
         # where the ground is level an orbit has no heading of its own
         turned = name == "slope" and abs(row["heading"]) > TURNED
         row["on_orbit"] = row["settled"] and row["speed"] > LOST * own.speed / own.body_length and not turned
@@ -117,7 +116,7 @@ def path_after(scene: Scene, orbit: Orbit, periods: int) -> np.ndarray:
     return centre_path(scene, trajectory)[:, :2]
 
 
-def told(scene: Scene, orbit: Orbit, own: Orbit, robots: int) -> dict[str, Any]:
+def told(scene: Scene, orbit: Orbit, own: Orbit) -> dict[str, Any]:
     """What the robot does on a scene: speeds in body lengths/s, its heading in degrees from that of its own orbit."""
     if not orbit.verified_for:
         nothing = dict.fromkeys(("turning", "periods", "multiplier"))
@@ -126,7 +125,7 @@ def told(scene: Scene, orbit: Orbit, own: Orbit, robots: int) -> dict[str, Any]:
     path = path_after(scene, orbit, SETTLING + SHOWN)[SETTLING:]
     each = np.linalg.norm(np.diff(path, axis=0), axis=1) / orbit.period / size
     (x, y), (a, b) = path[-1] - path[0], heading_of(scene, own)
-    held = stability(scene, orbit, robots=robots) if orbit.settled else None
+    held = stability(scene, orbit, robots=32) if orbit.settled else None
     return {
         "settled": orbit.settled,
         "speed": orbit.speed / size,

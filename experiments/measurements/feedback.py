@@ -21,17 +21,7 @@ import numpy as np
 from driven import ENOUGH, PART, RATE, bounded, dropped_loop, drops
 from pages import table
 
-from jaxgrity import (
-    Differences,
-    Scene,
-    as_dtype,
-    bumps,
-    contact_twin,
-    gait_record,
-    load_gait,
-    load_scene,
-    with_gait,
-)
+from jaxgrity import Differences, Scene, as_dtype, bumps, contact_twin, gait_record, load_gait, load_scene, with_gait
 from jaxgrity.control import (
     Drive,
     Loop,

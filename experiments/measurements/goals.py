@@ -18,16 +18,7 @@ from driven import bounded, drops, straight_on
 from pages import table
 
 from jaxgrity import as_dtype, bumps, contact_twin, load_scene
-from jaxgrity.control import (
-    REACHED,
-    Plant,
-    Sampling,
-    Task,
-    drive,
-    ground_of,
-    lead_to,
-    loop_start,
-)
+from jaxgrity.control import REACHED, Plant, Sampling, Task, drive, ground_of, lead_to, loop_start
 
 SLOPE = np.radians(5.0)
 GOAL = np.array([0.0, 10.0])

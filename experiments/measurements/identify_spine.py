@@ -4,7 +4,6 @@ They are fitted to the mean poses of every second run.
 """
 
 from functools import partial
-from pathlib import Path
 
 from measurement import Figure, Record, measurement
 
@@ -12,17 +11,7 @@ import equinox as eqx
 import jax
 import numpy as np
 from pages import table
-from spine_robot import (
-    FOLDER,
-    ORIGIN,
-    POSE,
-    TIP,
-    Spine,
-    commanded,
-    load_spine,
-    resting_shapes,
-    rms,
-)
+from spine_robot import ORIGIN, POSE, TIP, Spine, commanded, load_spine, resting_shapes, rms
 from validate import UNIT, UNITS
 
 from jaxgrity import Scene
@@ -59,14 +48,13 @@ class Rig(eqx.Module):
 
 
 @measurement(page="validation.md", quick={"every": 10}, raw=("as_sold", "identified"))
-def spine(tables: Path = FOLDER, every: int = 1) -> Record:
+def spine(every: int = 1) -> Record:
     """The estimates, and errors in the runs that they were not fitted to.
 
     Args:
-        tables: folder with spine.toml and the tables of measurements
         every: of how many commands one is fitted
     """
-    robot = load_spine(tables)
+    robot = load_spine()
     shapes = resting_shapes(robot)
     found, before, after = fitted_statics(robot, shapes, slice(None, None, every))
     rig, poses = poses_of(robot, shapes, slice(None), robot.seen[0], np.ones(3))

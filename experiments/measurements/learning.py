@@ -15,44 +15,41 @@ from jaxgrity.control import LearningConfig, environment, learn, learner, trials
 
 @measurement(page="environments.md", quick={"updates": 2, "robots": 8, "episodes": 2}, raw=("curve",))
 def learning(
-    tasks: tuple[str, ...] = ("speed",),
     seeds: tuple[int, ...] = (0, 1, 2),
     updates: int = 300,
     robots: int = 512,
     episodes: int = 64,
 ) -> Iterator[Record]:
-    """A row for each task and seed.
+    """A row for each seed.
 
     Args:
-        tasks: names of tasks
         seeds: of starts, networks and tries
         updates: of each policy
         robots: side by side
         episodes: new ones, by which a policy is judged
     """
     config = LearningConfig(robots=robots)
-    for task in tasks:
-        scene, options = load_scene("exact"), SolverOptions(dt=0.01, dtype="float32")
-        env, finer = environment(task, scene, options=options), environment(task, scene)
-        other = environment(task, contact_twin(scene))
-        for seed in seeds:
-            curve: list[float] = []
-            now = learner(env, jax.random.key(seed), config)
-            began = time.perf_counter()
-            policy = learn(env, now, updates, config, lambda _, told, c=curve: c.append(told["progress"])).policy
-            spent = time.perf_counter() - began
-            judged = {
-                name: trials(each, policy, jax.random.key(1000 + seed), episodes)
-                for name, each in {"progress": env, "finer": finer, "other": other}.items()
-            }
-            yield {
-                "task": task,
-                "seed": seed,
-                "seconds": spent,
-                **{name: float(found.mean()) for name, found in judged.items()},
-                "error": 2 * float(judged["progress"].std(ddof=1)) / episodes**0.5,
-                "curve": curve,
-            }
+    scene, options = load_scene("exact"), SolverOptions(dt=0.01, dtype="float32")
+    env, finer = environment("speed", scene, options=options), environment("speed", scene)
+    other = environment("speed", contact_twin(scene))
+    for seed in seeds:
+        curve: list[float] = []
+        now = learner(env, jax.random.key(seed), config)
+        began = time.perf_counter()
+        policy = learn(env, now, updates, config, lambda _, told, c=curve: c.append(told["progress"])).policy
+        spent = time.perf_counter() - began
+        judged = {
+            name: trials(each, policy, jax.random.key(1000 + seed), episodes)
+            for name, each in {"progress": env, "finer": finer, "other": other}.items()
+        }
+        yield {
+            "task": "speed",
+            "seed": seed,
+            "seconds": spent,
+            **{name: float(found.mean()) for name, found in judged.items()},
+            "error": 2 * float(judged["progress"].std(ddof=1)) / episodes**0.5,
+            "curve": curve,
+        }
     periods = robots * config.decisions * config.held
     return {"updates": updates, "robots": robots, "episodes": episodes, "periods": periods}
 

@@ -44,12 +44,9 @@ MOST = 7 / 8
 
 
 @measurement(
-    page="gait_records.md",
-    quick={"values": 3, "robots": 2, "duration": 20.0, "contacts": ("exact",)},
-    raw=("scan", "gait"),
+    page="gait_records.md", quick={"values": 3, "robots": 2, "duration": 20.0, "contacts": ("exact",)}, raw=("scan",)
 )
 def ranges(
-    gait: str = "straight",
     values: int = 27,
     robots: int = 8,
     duration: float = 60.0,
@@ -58,20 +55,19 @@ def ranges(
     """A row for each quantity on each contact model.
 
     Args:
-        gait: of the library
         values: of each quantity
         robots: for each value
         duration: s, of which the last three quarters count
         contacts: contact models
     """
-    own = with_gait(load_scene("exact"), load_gait(gait))
+    own = with_gait(load_scene("exact"), load_gait("straight"))
     for contact, name in product(contacts, SPANS):
         scene = own if contact == "exact" else contact_twin(own)
         factors = np.unique([*np.geomspace(*SPANS[name], values - 1), 1.0])
         speeds = scanned(scene, name, factors, robots, duration)
         scan = [{"factor": x, **told(each)} for x, each in zip(factors, speeds)]
         yield {"contact": contact, "quantity": name, **reach(scan), "scan": scan}
-    return {"gait": gait, "robots": robots}
+    return {"robots": robots}
 
 
 def reach(scan: list[Record]) -> Record:

@@ -10,15 +10,7 @@ from measurement import Figure, Record, measurement
 import numpy as np
 from pages import columns, whole_zero
 
-from jaxgrity import (
-    SearchConfig,
-    SolverOptions,
-    contact_twin,
-    gait_record,
-    load_gait,
-    load_scene,
-    with_gait,
-)
+from jaxgrity import SearchConfig, SolverOptions, contact_twin, gait_record, load_gait, load_scene, with_gait
 from jaxgrity.model import body_length
 from jaxgrity.search import RobotMotions, robot_motions
 

@@ -15,15 +15,7 @@ from obstacles import ARENA, GAITS, GOAL, MARGIN, NEAR, REACH, led, told
 from pages import table
 
 from jaxgrity import contact_twin, load_gait, load_scene
-from jaxgrity.control import (
-    CAUTIOUS,
-    PhaseLocked,
-    discs_of,
-    gait_choices,
-    room,
-    sure_footed,
-    way_map,
-)
+from jaxgrity.control import CAUTIOUS, PhaseLocked, discs_of, gait_choices, room, sure_footed, way_map
 
 FIELD = Path(__file__).with_name("obstacle_field.toml")
 

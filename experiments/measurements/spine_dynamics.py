@@ -2,8 +2,6 @@
 slowest mode, whose damping ratio is scanned.
 """
 
-from pathlib import Path
-
 from measurement import Figure, Record, measurement
 
 import numpy as np
@@ -23,14 +21,13 @@ WIDER = 3.84
 
 
 @measurement(page="validation.md", quick={"ratios": (0.01, 0.1, 1.0)}, raw=("seen",))
-def spine_dynamics(ratios: tuple[float, ...] = RATIOS, tables: Path = FOLDER) -> Record:
+def spine_dynamics(ratios: tuple[float, ...] = RATIOS) -> Record:
     """The damping ratios that fit, and the motion of the motors.
 
     Args:
         ratios: damping over critical damping
-        tables: folder with spine.toml and the tables of measurements
     """
-    spine, seen = load_spine(tables), seen_in(tables)
+    spine, seen = load_spine(), seen_by_camera()
     # of rigid struts, stiff springs in this analysis, the vertebra keeps three slow modes
     modes = np.array(
         [
@@ -47,9 +44,9 @@ def spine_dynamics(ratios: tuple[float, ...] = RATIOS, tables: Path = FOLDER) ->
     return facts | {"ratios": [kept.min(), kept.max()], "tried": [min(ratios), max(ratios)], "fits": fits, "seen": seen}
 
 
-def seen_in(tables: Path) -> dict[str, np.ndarray]:
+def seen_by_camera() -> dict[str, np.ndarray]:
     """The mean response that the camera saw."""
-    response = read_table(tables / "response.csv")
+    response = read_table(FOLDER / "response.csv")
     return {name: numbers(response, name) for name in ("time", "progress", "standard_error")}
 
 

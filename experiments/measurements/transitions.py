@@ -18,16 +18,7 @@ from driven import ENOUGH, bounded, dropped_loop, drops
 from pages import table
 
 from jaxgrity import Differences, load_gait, load_scene
-from jaxgrity.control import (
-    Blend,
-    Loop,
-    PhaseLocked,
-    Plant,
-    drive,
-    gait_choices,
-    side_by_side,
-    sure_footed,
-)
+from jaxgrity.control import Blend, Loop, PhaseLocked, Plant, drive, gait_choices, side_by_side, sure_footed
 from jaxgrity.model import image, symmetries
 
 SETTLING, STRETCH, LAST = 20.0, 40.0, 10.0

@@ -16,8 +16,7 @@ from jaxgrity.cli.script import run
 from measurement import Measurement
 
 import library_tables as library
-from compact_json import save_compact
-from pages import fill_page
+from pages import fill_page, save_compact
 from registry import measurements
 
 from jaxgrity import InputError

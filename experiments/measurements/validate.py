@@ -1,14 +1,12 @@
 """A real robot and its simulation: statics of the measured spine through all of its commanded poses, nothing fitted."""
 
-from pathlib import Path
-
 from measurement import Figure, Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from pages import table
-from spine_robot import FOLDER, POSE, Spine, load_spine, pose, resting_shapes, rms
+from spine_robot import POSE, Spine, load_spine, pose, resting_shapes, rms
 
 UNITS = np.array([1e3, 1e3, 180 / np.pi])
 """mm, mm and degrees, from m, m and rad"""
@@ -17,14 +15,13 @@ UNIT = {"x": "mm", "z": "mm", "rotation": "°"}
 
 
 @measurement(page="validation.md", quick={"first": 10}, raw=("simulated", "seen"))
-def validation(tables: Path = FOLDER, first: int | None = None) -> Record:
+def validation(first: int | None = None) -> Record:
     """How far the poses are from the authors' and the camera's.
 
     Args:
-        tables: folder with spine.toml and the tables of measurements
         first: number of commands, the first ones; all, where not given
     """
-    spine = load_spine(tables)
+    spine = load_spine()
     some = slice(first)
     spine = spine._replace(
         retraction=spine.retraction[some],

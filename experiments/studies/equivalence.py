@@ -19,7 +19,8 @@ from pages import short, table
 
 from jaxgrity import Members, PenaltyGround, Scene, SmoothFriction, SolverOptions, load_scene, simulate, with_gait
 
-FRAME_RATE = 50.0
+STEP, FRAME_RATE = 5e-6, 50.0
+"""s; 1/s"""
 
 
 @measurement(
@@ -31,7 +32,6 @@ def equivalence(
     motion: Literal["drop", "settle", "roll"],
     strut_stiffness: tuple[float, ...] = (1e4, 3e4, 1e5, 3e5, 1e6),
     ground_stiffness: tuple[float, ...] = (3e3, 1e4, 3e4, 1e5, 3e5),
-    dt: float = 5e-6,
 ) -> Iterator[Record]:
     """A row for each law that grows stiffer.
 
@@ -39,7 +39,6 @@ def equivalence(
         motion: of the robot
         strut_stiffness: K, N/m
         ground_stiffness: k_n, N/m
-        dt: step of all rollouts, s
     """
     prepare, duration = {"drop": (drop, 0.3), "settle": (settle_down, 3.0), "roll": (slow_roll, 4.0)}[motion]
     laws = {
@@ -49,7 +48,7 @@ def equivalence(
     }
     for symbol, (law, values, adapt) in laws.items():
         exact = adapt(prepare(load_scene("exact")))
-        every = compare(law, exact, values, duration, dt)
+        every = compare(law, exact, values, duration)
         ends = {name: [every[name][0], every[name][-1]] for name in ("values", "distance")}
         yield {"grows": symbol, **ends, "slope": every["slope"], "every": every}
     expected = every["weight_over_n_k"][-1]
@@ -117,18 +116,18 @@ def penalty_contact(scene: Scene, stiffness: float) -> Scene:
     return eqx.tree_at(lambda s: (s.ground, s.friction), scene, (ground, friction))
 
 
-def path(scene: Scene, duration: float, dt: float) -> np.ndarray:
+def path(scene: Scene, duration: float) -> np.ndarray:
     """(frames, nodes, 3), m."""
-    options = SolverOptions(method="complementarity", dt=dt, any_step=True)
+    options = SolverOptions(method="complementarity", dt=STEP, any_step=True)
     trajectory = simulate(scene, duration, options=options, frame_rate=FRAME_RATE)
     return np.asarray(trajectory.positions)
 
 
-def compare(law: Callable, exact: Scene, values: tuple[float, ...], duration: float, dt: float) -> Record:
+def compare(law: Callable, exact: Scene, values: tuple[float, ...], duration: float) -> Record:
     """Root mean square distance of the nodes from the exact scene's, over all frames, m, and how deep they end."""
-    limit, distances, penetrations = path(exact, duration, dt), [], []
+    limit, distances, penetrations = path(exact, duration), [], []
     for value in values:
-        positions = path(law(exact, value), duration, dt)
+        positions = path(law(exact, value), duration)
         distances.append(float(np.sqrt(np.mean(np.sum((positions - limit) ** 2, axis=-1)))))
         deep = np.maximum(0, -positions[-1, :, 2])
         penetrations.append(

@@ -20,22 +20,21 @@ PATIENCE = 300.0
 
 
 @measurement(page="seeing.md", quick={"rollouts": 40, "duration": 2.0})
-def explorer_session(scene: str = "exact", duration: float = 10.0, rollouts: int = 500) -> Record:
+def explorer_session(duration: float = 10.0, rollouts: int = 500) -> Record:
     """Move sliders over and over, as somebody would who waits for each rollout and its error bar.
 
     Args:
-        scene: a scene of the library
         duration: s of motion
         rollouts: in one session
     """
     if not Path("/proc/self/statm").exists():
         raise InputError("/proc/self/statm: not there; expected Linux, which says how large a process is")
     began = time.perf_counter()
-    with served((scene,), duration) as (page, _):
+    with served(("exact",), duration) as (page, _):
         wait_until(lambda: "±" in page.words)
         first = time.perf_counter() - began
         found = session(page, rollouts)
-    return {"scene": scene, "duration": duration, "first_picture_seconds": first} | found
+    return {"duration": duration, "first_picture_seconds": first} | found
 
 
 def session(page: Page, rollouts: int) -> dict:

@@ -30,25 +30,23 @@ GROUPS = {"exact": "exact contact", "penalty": "penalty contact"}
 
 
 @measurement(page="gait_records.md", quick={"searches": 2}, raw=("each",))
-def orbits_of_searches(searches: int = 64, population: int = 64, generations: int = 5) -> Iterator[Record]:
+def orbits_of_searches(searches: int = 64) -> Iterator[Record]:
     """A row for each contact model.
 
     Args:
         searches: one gait each
-        population: gaits in a generation
-        generations: of each search
     """
     scene = load_scene("exact")
     seeds = range(FIRST_SEED, FIRST_SEED + searches)
-    gaits = [searched(scene, seed, population, generations) for seed in tqdm(seeds, desc="searching", unit="search")]
+    gaits = [searched(scene, seed) for seed in tqdm(seeds, desc="searching", unit="search")]
     for contact, model in (("exact", scene), ("penalty", contact_twin(scene))):
         each = [{"seed": seed, **converged(with_gait(model, gait))} for seed, gait in zip(seeds, tqdm(gaits))]
         yield {"contact": contact, **summary(each), "each": each}
 
 
-def searched(scene: Scene, seed: int, population: int, generations: int) -> Gait:
+def searched(scene: Scene, seed: int) -> Gait:
     """The best gait of a short search by rough rollouts alone, as the default search begins."""
-    config = SearchConfig(population=population, generations=(generations, 0))
+    config = SearchConfig(population=64, generations=(5, 0))
     problem, levels = search_problem(scene, config), fidelity_levels(scene, unmeasured=True)
     (found,) = evolve_through(levels[:1], problem, ga_configs(config, 1), seed=seed)
     return one_gait(problem.genome.gaits(scene.gait, distinct(found.last, problem.genome, 1)), 0)

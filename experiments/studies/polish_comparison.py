@@ -62,7 +62,6 @@ def polish_comparison(
     rollouts: int = 3072,
     judges: int = 128,
     final_robots: int = 64,
-    duration: float = 40.0,
 ) -> Iterator[Record]:
     """A row for each seed and way until all are done; then one for each way, over its start and a longer search.
 
@@ -73,10 +72,9 @@ def polish_comparison(
         rollouts: that each way may spend, half of what a default search polishes with
         judges: robots by which all answers are judged
         final_robots: by which polish decides what it keeps
-        duration: s
     """
     scene, answers = load_scene("exact"), []
-    config = SearchConfig(duration, population, generations)
+    config = SearchConfig(40.0, population, generations)
     problem = search_problem(scene, config)
     plain = problem._replace(fitness=without_measuring(problem.fitness))
     levels = fidelity_levels(scene, None, False, unmeasured=config.wide)

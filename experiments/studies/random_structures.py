@@ -218,7 +218,7 @@ def facts_of(verdicts: list[dict]) -> Record:
 
 @measurement(page="accuracy.md", quick={"structures": 3, "variants": 2, "duration": 0.25}, raw=("rows", "variants"))
 def random_structures(
-    structures: int = 100, variants: int = 20, duration: float = 3.0, seed: int = 0, workers: int = 0
+    structures: int = 100, variants: int = 20, duration: float = 3.0, seed: int = 0
 ) -> Iterator[Record]:
     """A row for each structure: what became of its rollouts by both solvers.
 
@@ -227,11 +227,10 @@ def random_structures(
         variants: sets of masses, coefficients and phases of each
         duration: s, of each rollout
         seed: the same seed gives the same structures
-        workers: processes, each of which rolls out one structure after the other; 0 for one on each core
     """
     rows = []
     # a process keeps every program that it has compiled: a new one for each structure
-    with ProcessPoolExecutor(workers or cores(), get_context("spawn"), configure, max_tasks_per_child=1) as pool:
+    with ProcessPoolExecutor(cores(), get_context("spawn"), configure, max_tasks_per_child=1) as pool:
         seeds = [1000 * seed + k for k in range(structures)]
         for done in as_completed([pool.submit(structure_row, each, variants, duration) for each in seeds]):
             rows.append(done.result())

@@ -16,16 +16,7 @@ import numpy as np
 from pages import columns, table
 from tqdm import tqdm
 
-from jaxgrity import (
-    METHODS,
-    Scene,
-    SolverOptions,
-    as_dtype,
-    load_scene,
-    parse_scene,
-    simulate,
-    stable_step,
-)
+from jaxgrity import METHODS, Scene, SolverOptions, as_dtype, load_scene, parse_scene, simulate, stable_step
 from jaxgrity.statics import resting_shape
 from jaxgrity.stepping import Method, discretise, resolve, standing, step_limit
 

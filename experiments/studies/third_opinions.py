@@ -27,7 +27,6 @@ Ends = Callable[[np.ndarray, float], np.ndarray]
     raw=("speeds",),
 )
 def third_opinions(
-    gait: str = "straight",
     robots: int = 16,
     settled: float = 20.0,
     duration: float = 60.0,
@@ -36,13 +35,12 @@ def third_opinions(
     """A row for each program.
 
     Args:
-        gait: of the library, with one amplitude and one frequency for all actuators
         robots: that begin at phases of their own
         settled: s, after which the displacement counts
         duration: s
         mujoco: by MuJoCo too, where it is installed
     """
-    scene = with_gait(load_scene("exact"), load_gait(gait))
+    scene = with_gait(load_scene("exact"), load_gait("straight"))
     phases = np.asarray(scene.gait.phase) + np.random.default_rng(0).uniform(0, 2 * np.pi, (robots, 1))
     for name, ends in engines_of(scene, mujoco).items():
         moved = ends(phases, duration) - ends(phases, settled)

@@ -10,8 +10,7 @@ import keep_gait
 import numpy as np
 import pytest
 import update_docs
-from compact_json import laid_out, rounded, save_compact
-from pages import filled, table
+from pages import filled, laid_out, rounded, save_compact, table
 
 from jaxgrity import InputError, SearchConfig, gait_record, load_gait
 from jaxgrity.cli.settings import UncertaintySettings

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
-from conformance_dynamics import (
+from conformance import (
     FLYING,
     RESTING_KINDS,
     RODS_WITH_MASS,
