@@ -7,11 +7,11 @@ known feedback and what was found are compared on ground and from drops on which
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 from shared import Figure, Record, measurement
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -129,9 +129,10 @@ def feedback(rows: np.ndarray) -> PhaseLocked:
     """Of ten numbers, (10, robots)."""
     count = rows.shape[1]
     policy = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), PhaseLocked(load_gait(GAIT)))
-    gait = replace(policy.gait, amplitude=policy.gait.amplitude * rows[8], frequency=policy.gait.frequency * rows[9])
     gains, swings = (rows[k : k + 4].reshape(2, 2, count) for k in (0, 4))
-    return as_dtype(replace(policy, gait=gait, gains=gains, swings=swings), "float32")
+    own = (policy.gait.amplitude * rows[8], policy.gait.frequency * rows[9], gains, swings)
+    many = eqx.tree_at(lambda p: (p.gait.amplitude, p.gait.frequency, p.gains, p.swings), policy, own)
+    return as_dtype(many, "float32")
 
 
 def numbers_of(policy: PhaseLocked) -> np.ndarray:
