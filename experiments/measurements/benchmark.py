@@ -1,5 +1,5 @@
 """Speed against error, everything side by side in one run: the library's methods, a plain NumPy loop, and, where they
-are there, hand-written C (if there is a compiler) and MuJoCo (--mujoco, the extra `peer`).
+are there, hand-written C (if there is a compiler) and MuJoCo (--mujoco, the extra `peer`; --mjx, the extra `mjx`).
 
 Each engine takes the same gaits on the same cores, in turn, round after round; the median counts. Each is measured
 against its own converged answer: the median over the gaits of the distance of the centres of mass at the end.
@@ -17,7 +17,7 @@ from engines import C_SWEEPS, Engine, clock, engines, numpy_roll, ours, seconds_
 from pages import table
 from tqdm import tqdm
 
-from jaxgrity import Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
+from jaxgrity import InputError, Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
 from jaxgrity.populations import lanes_last, roll_out_lanes
 from jaxgrity.search import distance_and_gradient
 from jaxgrity.stepping import resolve
@@ -29,6 +29,7 @@ STEPS = {
     "exact": (3e-2, 2e-2, 1.4e-2, 1e-2, 8e-3, 5e-3, 2e-3, 1e-3),
     "mujoco Euler": (4e-3, 3e-3, 2e-3, 1e-3, 8e-4, 5e-4, 2e-4),
     "mujoco RK4": (1.4e-3, 1e-3, 5e-4, 2e-4),
+    "mujoco MJX Euler": (1e-3,),
 }
 """s"""
 CONVERGED = {"rk4": 5e-5, "complementarity": 1e-4, "limit": 5e-5, "exact": 5e-5, "mujoco": 5e-5}
@@ -74,6 +75,7 @@ def benchmark(
     repeats: int = 5,
     steps: int | None = None,
     mujoco: bool = False,
+    mjx: bool = False,
 ) -> Record:
     """Cost and error of every engine at every step.
 
@@ -83,10 +85,13 @@ def benchmark(
         repeats: rounds after a first that compiles; the median of them counts
         steps: how many of each engine's steps are measured, largest first; all where not given
         mujoco: measure MuJoCo too
+        mjx: measure MJX, MuJoCo written in JAX, beside it, on one core; goes with --mujoco
     """
+    if mjx and not mujoco:
+        raise InputError("--mjx goes beside --mujoco, whose converged answer it is measured against; expected both")
     scenes = {name: load_scene(name) for name in ("reference", "exact")}
     phases = random_phases(gaits, 6, seed=0)
-    chosen = engines(scenes, phases, duration, mujoco)
+    chosen = engines(scenes, phases, duration, mujoco, mjx)
     tasks = [(engine, dt) for engine in chosen for dt in STEPS[engine.name][:steps]]
     # a few steps are a look at whether all of it works, for which coarser answers do
     truths = converged(chosen, 1 if steps is None else 4)

@@ -30,8 +30,8 @@ class Engine(NamedTuple):
     gaits: int
 
 
-def engines(scenes: dict[str, Scene], phases: np.ndarray, duration: float, mujoco: bool) -> list[Engine]:
-    """All that can run here, MuJoCo if it is asked for."""
+def engines(scenes: dict[str, Scene], phases: np.ndarray, duration: float, mujoco: bool, mjx: bool) -> list[Engine]:
+    """All that can run here, MuJoCo and MJX if they are asked for."""
     found, count = [], len(phases)
     for dtype in ("float32", "float64"):
         for method, scene in (("rk4", scenes["reference"]), ("complementarity", scenes["exact"])):
@@ -45,6 +45,9 @@ def engines(scenes: dict[str, Scene], phases: np.ndarray, duration: float, mujoc
         for integrator in ("Euler", "RK4"):
             roll = partial(mujoco_roll, scenes["reference"], phases[:FEW], duration, integrator)
             found.append(Engine(f"mujoco {integrator}", "float64", roll, min(FEW, count)))
+    if mjx:
+        roll = partial(mujoco_roll, scenes["reference"], phases[:FEW], duration, "MJX Euler")
+        found.append(Engine("mujoco MJX Euler", "float32", roll, min(FEW, count)))
     return found
 
 
@@ -71,9 +74,12 @@ def theirs(program: Path, scene: Scene, phases, duration: float, sweeps, dt: flo
 
 
 def mujoco_roll(scene: Scene, phases, duration: float, integrator: str, dt: float) -> tuple[np.ndarray, float]:
-    from mujoco_peer import roll
+    from mujoco_peer import roll, roll_mjx
 
-    positions, seconds = roll(scene, phases, duration, dt, integrator, threads=jax.device_count())
+    if integrator.startswith("MJX"):
+        positions, seconds = roll_mjx(scene, phases, duration, dt, integrator.split()[1])
+    else:
+        positions, seconds = roll(scene, phases, duration, dt, integrator, threads=jax.device_count())
     mass = np.asarray(scene.structure.node_mass)
     return np.einsum("n,gnk->gk", mass / mass.sum(), positions), seconds
 

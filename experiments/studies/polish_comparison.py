@@ -3,7 +3,7 @@
 Short searches for steady speed, one for each seed, end with a gait. From there go on: polish by smoothed gradients,
 polish by the derivative of the orbit's own speed, and the search itself with more generations, both as it was and with
 the overtones that polishing shapes. Each may spend the same number of rollouts. All answers are judged by the same
-robots, which nothing was chosen by.
+robots, which nothing was chosen by, on the scene's own contact model and on the other one.
 """
 
 import dataclasses
@@ -15,7 +15,16 @@ from shared import Figure, Record, measurement
 import numpy as np
 from pages import table
 
-from jaxgrity import GAConfig, PolishConfig, SearchConfig, SearchProblem, SolverOptions, load_scene, polish
+from jaxgrity import (
+    GAConfig,
+    PolishConfig,
+    SearchConfig,
+    SearchProblem,
+    SolverOptions,
+    contact_twin,
+    load_scene,
+    polish,
+)
 from jaxgrity.search import (
     EvolutionState,
     FidelityLevel,
@@ -70,10 +79,11 @@ def polish_comparison(
         population: gaits in a generation of the search
         generations: as in `jaxgrity search`
         rollouts: that each way may spend, half of what a default search polishes with
-        judges: robots by which all answers are judged
+        judges: robots by which all answers are judged on each contact model
         final_robots: by which polish decides what it keeps
     """
     scene, answers = load_scene("exact"), []
+    other = fidelity_levels(contact_twin(scene))[1]
     config = SearchConfig(40.0, population, generations)
     problem = search_problem(scene, config)
     plain = problem._replace(fitness=without_measuring(problem.fitness))
@@ -98,8 +108,9 @@ def polish_comparison(
                 polishing = PolishConfig(rollouts, way, final_robots=final_robots)
                 found[way] = polished(shaped, wider, polishing, levels[1].options, seed)
         genes = np.stack([genes for genes, _ in found.values()])
-        for (way, (each, more)), judged in zip(found.items(), judgement(shaped, levels[1], genes, judges)):
-            answers.append({"seed": seed, "way": way, **more, "genes": each.tolist(), **judged})
+        own, others = (judgement(shaped, level, genes, judges) for level in (levels[1], other))
+        for (way, (each, more)), judged, there in zip(found.items(), own, others):
+            answers.append({"seed": seed, "way": way, **more, "genes": each.tolist(), **judged, "other_model": there})
             yield answers[-1]
     fitness = by_seed(answers)["start"]
     starts = {"start": float(np.median(list(fitness.values()))), "seeds": len(fitness)}
@@ -115,9 +126,11 @@ def by_seed(answers: list[Record], what: str = "fitness") -> dict[str, dict[int,
 def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
     """Of each way: what it gained over its start and over a longer search, seed by seed."""
     fitness, means, rows = by_seed(answers), by_seed(answers, "mean"), []
+    others = by_seed([{**row, **row["other_model"]} for row in answers])
     for way in WAYS:
         gains = [fitness[way][seed] - fitness["start"][seed] for seed in fitness["start"]]
         of_means = [means[way][seed] - means["start"][seed] for seed in means["start"]]
+        on_other = [others[way][seed] - others["start"][seed] for seed in others["start"]]
         beyond = [fitness[way][seed] - fitness["search runs on"][seed] for seed in fitness["start"]]
         mine = [row for row in answers if row["way"] == way]
         rows.append(
@@ -126,6 +139,8 @@ def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
                 "gain": float(np.median(gains)),
                 "quartiles": [float(x) for x in np.quantile(gains, (0.25, 0.75))],
                 "gain_of_mean": float(np.median(of_means)),
+                "gain_on_other": float(np.median(on_other)),
+                "better_on_other": sum(gain > 0 for gain in on_other),
                 "better": sum(gain > 0 for gain in gains),
                 "worse": sum(gain < 0 for gain in gains),
                 "beats": sum(gain > 0 for gain in beyond),

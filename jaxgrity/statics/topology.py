@@ -52,7 +52,7 @@ def form_of_topology(
         seed: of the random starts.
 
     Returns:
-        The nodes, (nodes, 3), m; second moments about the centre are alike in all directions, struts 1 m long on average.
+        The nodes, (nodes, 3), m; second moments about the centre are alike in all directions, struts of 1 m on average.
         Force densities (members,), N/m, of which the largest is 1.
 
     Raises:
