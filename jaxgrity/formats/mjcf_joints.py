@@ -189,7 +189,7 @@ def shared_nodes(
     x: np.ndarray, carrier: np.ndarray, joints: list[Joint]
 ) -> tuple[np.ndarray, np.ndarray, list[Shared]]:
     """Nodes and carriers, with those of joints, and which these are: a node of such a body where one is there."""
-    within, shared = APART * float(np.ptp(x, axis=0).max()), []
+    within, shared = APART * float(np.ptp(x, axis=0).max()), list[Shared]()
     for joint in joints:
         there = np.flatnonzero(np.linalg.norm(x - joint.x, axis=1) <= within).tolist()
         own = [k for k in there if set(joint.bodies) - {0} & {int(carrier[k]), *_bodies_at(shared, k)}]

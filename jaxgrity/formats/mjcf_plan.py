@@ -130,8 +130,8 @@ def _balls(scene: Scene) -> dict[int, float]:
 
 
 def _on_balls(balls: dict[int, float], rods: list[np.ndarray], bodies: Bodies) -> list[str]:
-    thin = [*rods, *(body.points for body in bodies if len(body.basic) < 4)]
-    turning = any(balls.get(int(node)) for nodes in thin for node in nodes)
+    thin = [[int(node) for node in rod] for rod in rods] + [[*each.points] for each in bodies if len(each.basic) < 4]
+    turning = any(balls.get(node) for nodes in thin for node in nodes)
     return ["balls at the ends of rods turn with these there, and slide here"] if turning else []
 
 

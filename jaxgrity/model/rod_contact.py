@@ -171,7 +171,7 @@ def with_contact_along_struts(
     edges, ground = cast(Members, scene.structure.struts).edges, cast(Ground, scene.ground)
     radii = per_member(radius, len(chosen), "radius")
     check_each("radius", radii, least=0.0, unit="m")
-    ends = tuple(tuple(edges[k][end] for k in chosen) for end in (0, 1))
+    ends = tuple(edges[k][0] for k in chosen), tuple(edges[k][1] for k in chosen)
     if radii.any():
         ground = dataclasses.replace(ground, balls=_balls(ground.balls, ends, radii, len(scene.structure.nodes)))
     if isinstance(ground, ExactGround):
@@ -209,11 +209,11 @@ def struts_touch(scene: Scene, q: NodeVectors, within: float) -> AnyArray:
     On penalty contact one of its points is in the ground; on exact contact it is no more than `within`, m, above it.
     """
     ground, found = scene.ground, [jnp.zeros(1, bool)]
-    if getattr(ground, "capsules", None) is not None and ground.surface is not None:
-        found.append(depths(ground, q) >= -within)
+    if isinstance(ground, ExactGround) and ground.capsules is not None and ground.surface is not None:
+        found.append(jnp.asarray(depths(ground, q) >= -within))
     for points in (law.points for law in scene.terms if isinstance(law, RodContact)):
         at_points = points.ground(scene)
-        found += [] if at_points is None else [points.distances(at_points, points.of(q)) < 0]
+        found += [] if at_points is None else [jnp.asarray(points.distances(at_points, points.of(q)) < 0)]
     return jnp.any(jnp.concatenate(found))
 
 

@@ -109,6 +109,11 @@ class Slope(Surface):
         return -math.tan(self.incline) * x
 
 
+def axes_of(frame: Frame) -> AnyArray:
+    """(points, 3, 3), the normal and the tangents of each point's own frame."""
+    return jnp.stack([jnp.asarray(axis) for axis in (frame.normal, *frame.tangents)], axis=1)
+
+
 def frame_about(x: PerNode, y: PerNode, z: PerNode) -> Frame:
     """The normal with these components, and two tangents that vary smoothly with it.
 

@@ -146,8 +146,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     airborne_share = float(np.trapezoid(~supported * 1.0, times)) / duration
     path = centre_path(scene, trajectory)[moving, :2]
     path_length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-    displacement = float(np.linalg.norm(path[-1] - path[0]))
-    straightness = displacement / path_length if path_length > 0 else 0.0
+    straightness = float(np.linalg.norm(path[-1] - path[0])) / path_length if path_length > 0 else 0.0
     hull = faces(scene.structure)
     diameter = float(pdist(np.asarray(scene.structure.nodes, float)).max())
     lowest = _lowest(np.stack([heights[:, list(face)].mean(1) for face in hull], 1), FLAT * size)

@@ -17,7 +17,7 @@ from jaxgrity.model.inertia import mobility
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.surface import Frame
+from jaxgrity.model.surface import Frame, axes_of
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
 from jaxgrity.stepping.capsules import TouchingPoints, capsules_of, ends_of, of_points, weights_of
 from jaxgrity.stepping.constraints import exact_ground
@@ -96,7 +96,7 @@ def problem_of(
     if structure.bodies:
         # what follows the basic points of a body is led back to its place, so that roundings do not add up
         start = following(structure.bodies, start) + (following(structure.bodies, q) - q) / h
-    rows, reach = touching_nodes(scene), None
+    rows, reach = touching_nodes(scene), cast(AnyArray | None, None)
     at: NodeVectors = q if rows is None else q[rows]
     # velocities are compared with it that are multiplied by roots of masses
     least = jnp.asarray(jnp.square(SLOWEST * speed) * mass_scale(scene), q.dtype)
@@ -111,7 +111,7 @@ def problem_of(
         closing = closing_speed(ground, size, h, v if rows is None else v[rows], met)
         contact = Contact(closing - never, mu, None, least)
     columns = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), at.shape) for axis in (axes.normal, *axes.tangents)]
-    frame = jnp.stack(columns, axis=1)
+    frame: AnyArray = jnp.stack(columns, axis=1)
     if ground is not None and ground.balls is not None:
         own = jnp.eye(len(q), dtype=q.dtype)[rows]
         moved_with = own + ground.balls.turning(structure.bodies, q, frame[:, 0])
@@ -157,14 +157,13 @@ def _and_struts(
     ground, capsules, size = cast(ExactGround, scene.ground), cast(Capsules, capsules_of(scene)), length_scale(scene)
     nodes, (i, j) = len(v), ends_of(capsules)
     closing = closing_speed(ground, size, h, of_points(touching, capsules, v), touching.met)
-    moves = touching.found & scene.structure.free.any(1)[[i, j]].any(0)
+    moves = touching.found & np.asarray(scene.structure.free.any(1))[[i, j]].any(0)
     closing = jnp.where(moves, closing, -NEVER * speed_scale(scene))
     mu, each = contact.mu, None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
     if each is not None and each.ndim:
-        mu = jnp.concatenate([mu, each[i] + touching.share * (each[j] - each[i])])
-    axes = jnp.stack([touching.met.frame.normal, *touching.met.frame.tangents], axis=1)
+        mu = jnp.concatenate([jnp.asarray(mu), each[i] + touching.share * (each[j] - each[i])])
     contact = contact._replace(closing=jnp.concatenate([contact.closing, closing]), mu=mu)
-    return contact, *_reaching(frame, reach, axes, weights_of(touching, capsules, nodes))
+    return contact, *_reaching(frame, reach, axes_of(touching.met.frame), weights_of(touching, capsules, nodes))
 
 
 def _and_between(
@@ -174,7 +173,7 @@ def _and_between(
     closing = jnp.where(between.found, -between.gap / h, -NEVER * speed_scale(scene))
     mu = contact.mu
     if scene.friction is not None and jnp.ndim(each := jnp.asarray(scene.friction.sliding_mu)):
-        mu = jnp.concatenate([mu, jnp.abs(between.weights) @ each / 2])
+        mu = jnp.concatenate([jnp.asarray(mu), jnp.abs(between.weights) @ each / 2])
     contact = contact._replace(closing=jnp.concatenate([contact.closing, closing.astype(frame.dtype)]), mu=mu)
     return contact, *_reaching(frame, reach, between.axes, between.weights)
 

@@ -12,7 +12,7 @@ from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.strut_contact import exact_strut_contact
 from jaxgrity.model.strut_pairs import Ends, ExactStrutContact, Share, candidates, difference, nearest_share, weights
-from jaxgrity.model.surface import frame_about
+from jaxgrity.model.surface import axes_of, frame_about
 from jaxgrity.stepping.capsules import TouchingPoints, capsules_of, touching_points
 from jaxgrity.stepping.entering import depth_inside
 
@@ -92,9 +92,8 @@ def strut_contacts(scene: Scene, h: Scalar, start: State) -> StrutContacts | Non
     found = jnp.stack([jnp.ones_like(beside), beside | elsewhere], axis=1).ravel()
     at, normal, distance = jax.tree.map(lambda *x: jnp.stack(x, axis=1).reshape(-1, *x[0].shape[1:]), first, second)
     gap = distance - jnp.repeat(apart, POINTS)
-    frame = frame_about(*normal.T)
     rows = (POINTS * numbers[:, None] + jnp.arange(POINTS)).ravel()
-    axes = jnp.stack([frame.normal, *frame.tangents], axis=1)
+    axes = axes_of(frame_about(*normal.T))
     each = _weights(law, numbers, at, len(start[0]))
     free = jnp.asarray(scene.structure.free.any(1))
     return StrutContacts(axes, gap, each, found & jnp.any((each != 0) & free, axis=1), rows, missed)
