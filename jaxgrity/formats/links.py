@@ -29,7 +29,7 @@ class Link(NamedTuple):
     """ends, m, of bars that show the body"""
 
 
-class Joint(NamedTuple):
+class LinkJoint(NamedTuple):
     """How a link moves on its parent."""
 
     link: int
@@ -71,25 +71,25 @@ def links_of(plan: Plan, bodies: Bodies) -> list[Link]:
     return found
 
 
-def joints_between(links: list[Link], held: set[int]) -> tuple[list[Joint], list[tuple[int, int, int]]]:
+def joints_between(links: list[Link], held: set[int]) -> tuple[list[LinkJoint], list[tuple[int, int, int]]]:
     """The joints of a tree of links, parents first, and the nodes at which its loops close, each with two links.
 
     Nodes that are `held` belong to the world.
     """
     own = {WORLD: held} | {k: set(link.nodes) for k, link in enumerate(links)}
-    joints: list[Joint] = []
+    joints: list[LinkJoint] = []
     left = list(range(len(links)))
     for root in own:
         if root != WORLD:
             if root not in left:
                 continue
             left.remove(root)
-            joints.append(Joint(root, WORLD, ()))
+            joints.append(LinkJoint(root, WORLD, ()))
         queue = [root]
         for parent in queue:
             for k in [k for k in left if own[parent] & own[k]]:
                 left.remove(k)
-                joints.append(Joint(k, parent, tuple(sorted(own[parent] & own[k]))))
+                joints.append(LinkJoint(k, parent, tuple(sorted(own[parent] & own[k]))))
                 queue.append(k)
     loops = []
     for node in sorted(set().union(*own.values())):
@@ -101,7 +101,7 @@ def joints_between(links: list[Link], held: set[int]) -> tuple[list[Joint], list
     return joints, loops
 
 
-def axis_of(joint: Joint, links: list[Link], x: np.ndarray) -> np.ndarray | None:
+def axis_of(joint: LinkJoint, links: list[Link], x: np.ndarray) -> np.ndarray | None:
     """The axis about which a link turns on its parent, m. It is 0 for a ball joint, None if the link cannot turn."""
     shared, own = (x[list(nodes)] - x[joint.nodes[0]] for nodes in (joint.nodes, links[joint.link].nodes))
     within = BESIDE_POINTS * np.linalg.norm(own, axis=1).max()

@@ -38,11 +38,11 @@ def carried(
         if body == 0:
             fixed += [(int(node), "xyz") for node in own]
         elif own_joints := points_of(shared, body):
-            rigid.append(_as_body(moments_of(model, data, body), name, own, x, own_joints))
+            rigid.append(_as_body(inertia_of(model, data, body), name, own, x, own_joints))
         elif is_free(model, body) and len(own) > 2:
-            rigid.append(_as_body(moments_of(model, data, body), name, own, x))
+            rigid.append(_as_body(inertia_of(model, data, body), name, own, x))
         elif is_free(model, body):
-            found, shares = _as_rods(moments_of(model, data, body), name, own, x, notes)
+            found, shares = _as_rods(inertia_of(model, data, body), name, own, x, notes)
             rods += found
             mass[own] = shares
         elif len(own) == 1 and len(kinds) and np.all(kinds == mujoco.mjtJoint.mjJNT_SLIDE):
@@ -80,7 +80,7 @@ def is_free(model: Any, body: int) -> bool:
 def _is_rod(model: Any, data: Any, body: int, at: tuple[np.ndarray, np.ndarray]) -> bool:
     """Whether point masses and a thin rod are as hard to turn."""
     try:
-        _as_rods(moments_of(model, data, body), _name(model, body), np.flatnonzero(at[1] == body), at[0], [])
+        _as_rods(inertia_of(model, data, body), _name(model, body), np.flatnonzero(at[1] == body), at[0], [])
     except InputError:
         return False
     return True
@@ -141,7 +141,7 @@ def _as_rods(
     return rods, shares[: len(own)] * total
 
 
-def moments_of(model: Any, data: Any, body: int) -> tuple[float, np.ndarray, np.ndarray]:
+def inertia_of(model: Any, data: Any, body: int) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass, centre, and the integral of d d' dm about it, of a body and of all that is welded to it."""
     welded = np.flatnonzero(model.body_weldid == body)
     m, at = model.body_mass[welded], data.xipos[welded]

@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxgrity.formats.compounds import spanning_points
 from jaxgrity.formats.foreign import Losses
-from jaxgrity.formats.mjcf_bodies import moments_of
+from jaxgrity.formats.mjcf_bodies import inertia_of
 from jaxgrity.formats.mjcf_contact import SAME_PLACE, GroundFound, Touching, is_within, lift_of, what_touches
 from jaxgrity.formats.mjcf_joints import Shared, own_nodes
 from jaxgrity.formats.mjcf_losses import name_of
@@ -49,7 +49,7 @@ def touched_by_balls(
         found[node] = ball
     for body in many:
         # a flat body has its points in its plane
-        extents = np.linalg.eigvalsh(moments_of(model, data, body)[2])
+        extents = np.linalg.eigvalsh(inertia_of(model, data, body)[2])
         flat = extents[0] <= FLAT * extents[-1]
         more = np.zeros((0, 3)) if flat else spanning_points(x[own_nodes(carrier, shared, body)])
         x, carrier = np.r_[x, more], np.r_[carrier, np.full(len(more), body)]

@@ -12,7 +12,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
 from jaxgrity.formats.foreign import add_element
-from jaxgrity.formats.links import THICKNESS, WORLD, Joint, Link, axis_of, joints_between, links_of
+from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, joints_between, links_of
 from jaxgrity.formats.mjcf_plan import Plan, amplitudes, plan_of
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.clusters import cables_of, nodes_along
@@ -163,7 +163,7 @@ def _bodies(
     return [f"{len(loops)} points of joints close loops, and give way there a little"] if loops else []
 
 
-def _joint(body: ElementTree.Element, joint: Joint, links: list[Link], x: np.ndarray) -> None:
+def _joint(body: ElementTree.Element, joint: LinkJoint, links: list[Link], x: np.ndarray) -> None:
     if not joint.nodes:
         add_element(body, "freejoint")
         return

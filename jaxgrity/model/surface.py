@@ -109,7 +109,7 @@ class Slope(Surface):
         return -math.tan(self.incline) * x
 
 
-def axes_of(frame: Frame) -> AnyArray:
+def frame_axes(frame: Frame) -> AnyArray:
     """(points, 3, 3), the normal and the tangents of each point's own frame."""
     return jnp.stack([jnp.asarray(axis) for axis in (frame.normal, *frame.tangents)], axis=1)
 

@@ -12,7 +12,7 @@ from jaxgrity.model.capsules import Capsules, Nearest, nearest
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.surface import Surface, axes_of, frame_about
+from jaxgrity.model.surface import Surface, frame_about, frame_axes
 from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.entering import Met, depth_inside
 
@@ -150,5 +150,5 @@ def on_ends(scene: Scene, h: Scalar, start: State, impulses: AnyArray) -> list[N
     """The `impulses` of the ground on the points, (points, 3), N s, on nodes: along the normal and both tangents."""
     touching = touching_points(scene, h, start)
     weights = weights_of(touching, cast(Capsules, capsules_of(scene)), len(start[0]))
-    axes = axes_of(touching.met.frame)
+    axes = frame_axes(touching.met.frame)
     return [weights.T @ (impulses[:, k, None] * axes[:, k]) for k in range(3)]

@@ -17,7 +17,7 @@ from jaxgrity.model.inertia import mobility
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.surface import Frame, axes_of
+from jaxgrity.model.surface import Frame, frame_axes
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
 from jaxgrity.stepping.capsules import TouchingPoints, capsules_of, ends_of, of_points, weights_of
 from jaxgrity.stepping.constraints import exact_ground
@@ -163,7 +163,7 @@ def _and_struts(
     if each is not None and each.ndim:
         mu = jnp.concatenate([jnp.asarray(mu), each[i] + touching.share * (each[j] - each[i])])
     contact = contact._replace(closing=jnp.concatenate([contact.closing, closing]), mu=mu)
-    return contact, *_reaching(frame, reach, axes_of(touching.met.frame), weights_of(touching, capsules, nodes))
+    return contact, *_reaching(frame, reach, frame_axes(touching.met.frame), weights_of(touching, capsules, nodes))
 
 
 def _and_between(

@@ -12,7 +12,7 @@ from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.strut_contact import exact_strut_contact
 from jaxgrity.model.strut_pairs import Ends, ExactStrutContact, Share, candidates, difference, nearest_share, weights
-from jaxgrity.model.surface import axes_of, frame_about
+from jaxgrity.model.surface import frame_about, frame_axes
 from jaxgrity.stepping.capsules import TouchingPoints, capsules_of, touching_points
 from jaxgrity.stepping.entering import depth_inside
 
@@ -93,7 +93,7 @@ def strut_contacts(scene: Scene, h: Scalar, start: State) -> StrutContacts | Non
     at, normal, distance = jax.tree.map(lambda *x: jnp.stack(x, axis=1).reshape(-1, *x[0].shape[1:]), first, second)
     gap = distance - jnp.repeat(apart, POINTS)
     rows = (POINTS * numbers[:, None] + jnp.arange(POINTS)).ravel()
-    axes = axes_of(frame_about(*normal.T))
+    axes = frame_axes(frame_about(*normal.T))
     each = _weights(law, numbers, at, len(start[0]))
     free = jnp.asarray(scene.structure.free.any(1))
     return StrutContacts(axes, gap, each, found & jnp.any((each != 0) & free, axis=1), rows, missed)
