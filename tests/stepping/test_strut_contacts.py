@@ -140,6 +140,8 @@ def test_a_rod_slides_on_two_others_and_comes_to_rest():
     np.testing.assert_allclose(x[:, :, 2], 0.0, atol=1e-8)
     forces = forces_along(scene, motion)
     np.testing.assert_allclose(forces.between[-1].sum(0), 0.0, atol=1e-9)
+    np.testing.assert_allclose(forces.between[-1, 4:].sum(0), [0.0, 0.0, 2 * G], atol=1e-6)
+    np.testing.assert_allclose(forces.supports[-1].sum(0), [0.0, 0.0, 6 * G], atol=1e-6)
     np.testing.assert_allclose(forces.ground, 0.0, atol=1e-12)
 
 
