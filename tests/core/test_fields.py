@@ -108,6 +108,7 @@ EXAMPLES = [
         surface=(jaxgrity.Slope(0.1), OTHER),
         offset=(np.zeros(3), ANY),
         balls=(None, OTHER),
+        capsules=(None, OTHER),
     ),
     _of(jaxgrity.SmoothFriction, mu=(0.5, NOT_NEGATIVE, ROWS), slip_speed=(0.01, POSITIVE)),
     _of(
