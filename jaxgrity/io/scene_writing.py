@@ -271,7 +271,7 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
             forces = {"force": ForceKeys(*(np.asarray(x).tolist() for x in (term.stretch, term.force)))}
         elif type(term) is ForceLimit:
             forces = {"largest_force": one_or_all(term.largest)}
-        elif type(term) not in PLACES:
+        elif type(term) not in (*ALONG_STRUTS, *BETWEEN_STRUTS):
             raise _no_key(f"terms[{number}]", term)
     return wind, pushes, forces
 
