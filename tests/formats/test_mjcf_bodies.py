@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conformance_dynamics import by_both
+from conformance import by_both
 
 from jaxgrity import InputError, Members, Scene, SolverOptions, Structure, edge_lengths, parse_scene, simulate
 from jaxgrity.formats import mujoco_model, read_mjcf, save_mjcf
