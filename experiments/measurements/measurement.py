@@ -132,7 +132,7 @@ def check_names(option: str, asked: Iterable[str], names: Collection[str]) -> No
     """Raises `InputError` where one of the names that an option asks for is not among these."""
     for name in asked:
         if name not in names:
-            raise InputError(f"{option} = {name!r}: unknown; expected {', '.join(names)}")
+            raise InputError(f"{option} = {name!r}: unknown here; expected {', '.join(names)}")
 
 
 def row_by_row(found: Generator[Record, None, Record | None], path: Path) -> Record:

@@ -139,10 +139,10 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, script, arguments, words):
 @pytest.mark.slow
 def test_a_refusal_ends_with_exit_code_2(tmp_path):
     """And its one line is all that is said."""
-    done = run("measurements/damage.py", "--gait", "missing", "--out", tmp_path / "out")
+    done = run("measurements/benchmark.py", "--mjx", "--out", tmp_path / "out")
     assert done.returncode == 2
     (line,) = done.stderr.strip().splitlines()
-    assert line.startswith("error: gait = 'missing'")
+    assert line.startswith("error: --mjx")
     assert not (tmp_path / "out").exists()
 
 
