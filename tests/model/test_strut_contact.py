@@ -110,7 +110,7 @@ def test_forces_between_struts_are_opposite():
     np.testing.assert_allclose(jnp.cross(q, force).sum(0), 0.0, atol=1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_energy_and_momentum_are_accounted_for():
     """Of rods that push each other apart and slide."""
     scene = soft()

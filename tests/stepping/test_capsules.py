@@ -194,8 +194,9 @@ def test_on_a_plane_a_capsule_is_its_two_balls():
     np.testing.assert_allclose(there.positions[-1, :, 2], 0.04, atol=1e-12)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("contact", ["exact", "penalty"])
+@pytest.mark.parametrize(
+    "contact", [pytest.param("exact", marks=pytest.mark.slow), pytest.param("penalty", marks=pytest.mark.campaign)]
+)
 def test_reports_see_that_a_robot_rests_on_a_strut(contact):
     """Of a tetrahedron that lies across the post, with no node near the ground; and populations, of a rod."""
     nodes = np.array([[-0.5, 0.0, 0.3], [0.5, 0.0, 0.3], [0.0, -0.3, 0.5], [0.0, 0.3, 0.5]])

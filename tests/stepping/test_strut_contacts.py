@@ -186,7 +186,7 @@ def test_derivatives_are_those_of_differences():
     np.testing.assert_allclose([slope, forward], (high - low) / (2 * h), rtol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_struts_of_a_robot_that_is_squeezed_do_not_cross():
     """All nodes are thrown inward, between weak cables. Then parallel struts would change places.
 
