@@ -53,6 +53,7 @@ def contraction_reached(
     """
     change = jnp.clip(wanted, -motors.stroke, motors.stroke) - now
     if motors.lag is not None:
+        # a number of NumPy's is as precise as float64, and would make single precision double
         change = change * float(1 - np.exp(-period / motors.lag))
     if motors.rate is not None:
         most = motors.rate * period / lengths

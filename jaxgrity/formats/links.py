@@ -115,7 +115,7 @@ def _together(parts: list[Part]) -> Part:
     """Mass, centre, and moments of inertia about it, of all parts."""
     mass = sum(m for m, _, _ in parts)
     if not mass > 0:
-        raise InputError("a rigid body has no mass; expected some, for a free body of MuJoCo")
+        raise InputError("a rigid body has no mass; expected some, since other programs move no body without")
     centre = sum((m * c for m, c, _ in parts), np.zeros(3)) / mass
     second = sum((own + m * np.outer(c - centre, c - centre) for m, c, own in parts), np.zeros((3, 3)))
     return float(mass), centre, np.trace(second) * np.eye(3) - second

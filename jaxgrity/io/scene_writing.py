@@ -66,8 +66,8 @@ WIDTH = 120
 """Most characters in a line of lists. A longer list of lists takes one line for each."""
 OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
 PLACES: dict[type, int] = {Wind: 0, Push: 1, ForceTable: 2, ForceLimit: 2}
-"""Order in which `load_scene` adds terms; of the first kind and of the third it adds one at most."""
 PLACES |= dict.fromkeys(ALONG_STRUTS, 3) | dict.fromkeys(BETWEEN_STRUTS, 4)
+"""Order in which `load_scene` adds terms; of the first kind and of the third it adds one at most."""
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 
 
@@ -259,7 +259,7 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
     forces: dict[str, Any] = {}
     places = [PLACES[type(term)] for term in scene.terms if type(term) in PLACES]
     if places != sorted(places) or any(places.count(place) > 1 for place in (0, 2)):
-        told = "a wind, pushes, then one table or largest force of cables, as files are read"
+        told = "a wind, pushes, then one table or largest force of cables, then contact along and between struts"
         raise InputError(f"terms are {', '.join(term.name for term in scene.terms)}; expected in this order {told}")
     for number, term in enumerate(scene.terms):
         if type(term) is Wind:
@@ -271,7 +271,7 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
             forces = {"force": ForceKeys(*(np.asarray(x).tolist() for x in (term.stretch, term.force)))}
         elif type(term) is ForceLimit:
             forces = {"largest_force": one_or_all(term.largest)}
-        elif type(term) not in (*ALONG_STRUTS, *BETWEEN_STRUTS):
+        elif type(term) is Push or type(term) not in PLACES:
             raise _no_key(f"terms[{number}]", term)
     return wind, pushes, forces
 

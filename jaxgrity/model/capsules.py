@@ -76,7 +76,8 @@ def nearest(surface: Surface, a: NodeVectors, b: NodeVectors, part: AnyArray, le
     n = jnp.sum(weights[..., None] * normal, axis=0)
     shorter = inverse(length(n))
     n, distance = n * shorter[:, None], jnp.sum(weights * (f + slope * (share - s)), axis=0) * shorter
-    # a leaning finds a point with a leaning normal: from the ground's point below it, the strut itself is reached here
+    # with a `leaning` the normal at that point leans, too. A strut touches along the perpendicular to its axis: the one
+    # from the same point of the ground. A capsule that lies flat would else begin to tip with a push along its axis
     off = jnp.sum(n * d, axis=1) * inverse(size * size)
     n = n - off[:, None] * d
     return Nearest(share - off * distance, n * inverse(length(n))[:, None], distance * length(n), found)

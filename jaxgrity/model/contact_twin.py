@@ -13,7 +13,7 @@ from jaxgrity.model.rod_contact import ALONG_STRUTS, radii_along_struts, with_co
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, edge_lengths
-from jaxgrity.model.strut_contact import BETWEEN_STRUTS, touching_like, without_strut_contact
+from jaxgrity.model.strut_contact import touching_like, without_strut_contact
 
 DEPTH = 2e-3
 """Depth to which three nodes that carry the weight sink into penalty ground, as a fraction of the body length."""
@@ -51,7 +51,7 @@ def exact_twin(scene: Scene) -> Scene:
         cone = None if friction is None else ConeFriction(friction.sliding_mu)
         surface, offset, balls = ground.surface, ground.offset, ground.balls
         ground, friction = ExactGround(ground.incline, surface=surface, offset=offset, balls=balls), cone
-    terms = tuple(law for law in scene.terms if not isinstance(law, (*ALONG_STRUTS, *BETWEEN_STRUTS)))
+    terms = tuple(law for law in without_strut_contact(scene).terms if not isinstance(law, ALONG_STRUTS))
     twin = dataclasses.replace(scene, structure=structure, ground=ground, friction=friction, terms=terms)
     return touching_like(_touching_along_struts(twin, radii_along_struts(scene), 1), scene)
 
