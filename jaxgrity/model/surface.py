@@ -84,15 +84,19 @@ class Surface(eqx.Module):
 
     def normal(self, x: PerNode, y: PerNode, z: PerNode) -> tuple[PerNode, PerNode, PerNode]:
         """Components of the normal n at coordinates."""
-        slopes = _gradient(self.level, x, y, z)
+        slopes = _gradient(self._level, x, y, z)
         size = length_of(*slopes)
         a, b, c = (over(slope, size) for slope in slopes)
         return a, b, c
 
     def distance(self, x: PerNode, y: PerNode, z: PerNode) -> PerNode:
         """phi, m, at coordinates."""
-        f = self.level(x, y, z)
-        return f if self.level_is_distance else f / length_of(*_gradient(self.level, x, y, z))
+        f = self._level(x, y, z)
+        return f if self.level_is_distance else f / length_of(*_gradient(self._level, x, y, z))
+
+    def _level(self, x: PerNode, y: PerNode, z: PerNode) -> PerNode:
+        """f in the precision of the coordinates: a user's own level or heights may hold numbers in another."""
+        return jnp.asarray(self.level(x, y, z), x.dtype)
 
 
 class Slope(Surface):

@@ -106,7 +106,7 @@ def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), u
 
 def ranked(correlation: float | None) -> str:
     """A rank correlation in words."""
-    return "too few gaits" if correlation is None or not np.isfinite(correlation) else f"{correlation:.2f}"
+    return "too few gaits differ" if correlation is None or not np.isfinite(correlation) else f"{correlation:.2f}"
 
 
 @styled

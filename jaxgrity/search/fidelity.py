@@ -151,12 +151,14 @@ def excess_at(level: FidelityLevel, genes: Genes, problem: SearchProblem, bounds
 
 
 def rank_correlation(rows: Float[AnyArray, "levels gaits"]) -> np.ndarray:
-    """Spearman's correlation of every two fidelity levels, over the gaits that succeed on all; NaN for fewer than
-    `FEWEST_RANKED`."""
+    """Spearman's correlation of every two fidelity levels, over the gaits that succeed on all.
+
+    NaN for fewer than `FEWEST_RANKED`, and for a level on which all are worth the same.
+    """
     rows = np.asarray(rows)[:, np.isfinite(rows).all(0)]
-    if rows.shape[1] < FEWEST_RANKED:
-        return np.full((len(rows), len(rows)), np.nan)
-    return np.array([[scipy.stats.spearmanr(a, b).statistic for b in rows] for a in rows])
+    ranked = [rows.shape[1] >= FEWEST_RANKED and np.ptp(row) > 0 for row in rows]
+    each = list(zip(rows, ranked))
+    return np.array([[scipy.stats.spearmanr(a, b).statistic if m and n else np.nan for b, n in each] for a, m in each])
 
 
 class Verdict(NamedTuple):

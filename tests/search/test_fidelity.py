@@ -102,6 +102,8 @@ def test_rank_correlation_of_known_rows():
     expected = [[1, 1, -1, 0.9], [1, 1, -1, 0.9], [-1, -1, 1, -0.9], [0.9, 0.9, -0.9, 1]]
     np.testing.assert_allclose(rank_correlation(rows), expected, rtol=0, atol=1e-12)
     assert np.isnan(rank_correlation(rows[:, 1:])).all(), "two gaits always rank alike or opposite, and four often do"
+    alike = rank_correlation(np.array([rows[0, :5], np.ones(5)]))
+    np.testing.assert_array_equal(np.isnan(alike), [[False, True], [True, True]], "equal gaits have no ranks")
 
 
 def test_another_number_of_robots_changes_nothing_else():

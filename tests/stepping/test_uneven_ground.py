@@ -32,6 +32,7 @@ from jaxgrity import (
     gaits_of,
     simulate,
 )
+from jaxgrity.model import Surface
 from jaxgrity.stepping import resolve, step_limit
 
 G, RADIUS = 9.81, 2.0
@@ -339,3 +340,26 @@ def test_the_derivative_is_finite_where_a_node_comes_to_rest_on_a_curve(dtype):
     if dtype == "float64":
         beside = [(end(v + h * e) - end(v - h * e)) / (2 * h) for e in np.eye(3)]
         np.testing.assert_allclose(slope[0], beside, atol=1e-7)
+
+
+class Ramp(Surface):
+    """z = 0.1 x, with a slope that is a NumPy number in float64."""
+
+    def height(self, x, y):
+        return np.float64(0.1) * x
+
+    def level(self, x, y, z):
+        return (z - self.height(x, y)) / np.sqrt(np.float64(1.01))
+
+
+@pytest.mark.parametrize("ground", [PenaltyGround(1e4, 1.0), ExactGround()], ids=["penalty", "exact"])
+@pytest.mark.parametrize("surface", [HeightFunction(lambda x, y: np.float64(0.1) * x), Ramp()], ids=["function", "own"])
+def test_heights_in_float64_serve_a_robot_in_float32(ground, surface):
+    """It slides down as on the same slope of the library."""
+    ends = []
+    for each in (surface, Slope(-np.arctan(0.1))):
+        start = node(dataclasses.replace(ground, surface=each), friction=None)
+        ends.append(simulate(start, 0.2, options=SolverOptions(dt=1e-3, dtype="float32"), frame_rate=5.0))
+    assert ends[0].positions.dtype == np.float32
+    assert ends[1].positions[-1, 0, 0] < -0.01
+    np.testing.assert_allclose(ends[0].positions, ends[1].positions, rtol=0, atol=1e-6)
