@@ -6,6 +6,7 @@ many that it meets every kind. A use ends right, by its check, or refuses in one
 
 import contextlib
 import io
+import itertools
 import json
 import re
 import tempfile
@@ -17,7 +18,7 @@ from shared import Record, measurement
 
 import jax
 from matrix_calls import CALLS, reaching
-from matrix_scenes import IMPOSSIBLE, KINDS, Row, covering, pairs
+from matrix_scenes import IMPOSSIBLE, KINDS, LATER, Row, covering, pairs
 from matrix_uses import MOVING, STILL, Case, same, tried
 from pages import columns
 
@@ -113,19 +114,24 @@ STAGES = {
 
 
 def jobs(rows: list[Row], uses: tuple[str, ...]) -> list[tuple[int, str]]:
-    """Numbers of rows and uses: those that compile nothing on all rows, others on so many that they meet every kind."""
+    """Numbers of rows and uses: those that compile nothing on all rows, others on so many that they meet every kind.
+
+    A row with a pair of kinds that came later meets all uses.
+    """
+    later = [k for k, row in enumerate(rows) if pairs(row) & LATER]
+    first = [k for k in range(len(rows)) if k not in later]
     found = []
     for use in uses:
-        todo = {part for row in rows for part in row.items()} if use not in STILL else set()
-        found += [(k, use) for k in range(len(rows)) if use in STILL]
+        todo = {part for k in first for part in rows[k].items()} if use not in STILL else set()
+        found += [(k, use) for k in first if use in STILL]
         while todo:
-            best = max(range(len(rows)), key=lambda k: (len(todo & set(rows[k].items())), (k * 31 + len(found)) % 57))
+            best = max(first, key=lambda k: (len(todo & set(rows[k].items())), (k * 31 + len(found)) % 57))
             found.append((best, use))
             todo -= set(rows[best].items())
-    return sorted(found)
+    return sorted([*found, *itertools.product(later, uses)])
 
 
-@measurement(page="matrix.md", quick={"stages": ("still",), "scenes": 4})
+@measurement(page="matrix.md", quick={"stages": ("still",), "scenes": 4}, raw=("rows",))
 def matrix(
     stages: tuple[str, ...] = tuple(STAGES), scenes: int = 10_000, known: Path | None = None
 ) -> Iterator[Record]:
@@ -134,8 +140,7 @@ def matrix(
     Args:
         stages: which uses: "still" compiles little, "call" ends at the compiler, the others compile
         scenes: how many of the scenes, the first ones
-        known: record of a run that was interrupted, or of other stages; what it has tried is not tried again. A run of
-            all takes many hours, so `docs/measured/matrix.json` keeps every row
+        known: record of a run that was interrupted, or of other stages; what it has tried is not tried again
     """
     rows = covering(KINDS)[:scenes]
     done = [] if known is None else json.loads(read_text(known))["rows"]
