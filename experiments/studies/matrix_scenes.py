@@ -69,7 +69,7 @@ IMPOSSIBLE = {
 }
 """Pairs that are refused where the scene is made."""
 LATER = {(("contact", "exact"), ("struts", "points"))}
-"""A pair that the library could not do when the first rows were drawn: the last rows show it, so that the first stay."""
+"""A pair that was refused when the first rows were drawn: the last rows show it, so that the first stay."""
 
 
 def pairs(row: Row) -> set[tuple]:

@@ -1,5 +1,6 @@
 """Actuators' energy and forces, and contact with the ground, summed step by step for a whole population."""
 
+import operator
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -90,14 +91,14 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     along_struts = step.after.memory.impulses.along_struts if step.impulsive else None
     on_struts = struts_touch(scene, q, 0.0) if along_struts is None else jnp.any(along_struts[:, 0] > 0)
     numbers = _members_that_move(scene)
-    rates = (_lengths(scene, step.t0 + h, numbers) - _lengths(scene, step.t0, numbers)) / h
+    rates, worked_over = _lengthened(scene, step, numbers) / h, _lengthened(scene, step, numbers, impulses=True)
     tensions = actuator_tension(scene, step, numbers)
     rate, tension = (x[: len(so_far.force)] for x in (rates, tensions))
     force = so_far.force + jnp.minimum(1, h / (WINDOW * time_scale(scene))) * (tension - so_far.force)
     return Metrics(
         path=so_far.path + way,
         work=so_far.work + on * work,
-        effort=so_far.effort + on * h * jnp.sum(jnp.maximum(0, -tensions * rates), axis=0),
+        effort=so_far.effort + on * jnp.sum(jnp.maximum(0, -tensions * worked_over), axis=0),
         contact=so_far.contact + on * h * jnp.sum(touching, axis=0),
         slip=so_far.slip + on * h * jnp.sum(touching * slipping, axis=0),
         flight=so_far.flight + on * h * (1 - jnp.maximum(jnp.max(touching, axis=0), on_struts)),
@@ -132,11 +133,19 @@ def _members_that_move(scene: Scene) -> tuple[int, ...]:
     return (*scene.gait.members, *scene.structure.driven)
 
 
-def _lengths(scene: Scene, t: Scalar, numbers: tuple[int, ...]) -> PerActuator:
-    """L(t) of some members, m."""
+def _lengthened(scene: Scene, step: Step, numbers: tuple[int, ...], impulses: bool = False) -> PerActuator:
+    """m, by which some members lengthen in a step; with `impulses`, those that act by impulses in the time of one.
+
+    An impulse stands between two steps, and works with the mean of the velocities of both: a strut that starts at
+    once gives a node m dv^2/2, not m dv^2.
+    """
     parts = []
     for members, rows, first in _by_kind(scene, numbers):
-        parts.append(take_rows(rest_length(members, scene.gait, t, first), rows))
+        between = impulses and members.rigid
+        began = step.t0 - step.before.memory.step_size if between else step.t0
+        ends = (rest_length(members, scene.gait, t, first) for t in (step.t0 + step.h, began))
+        change = take_rows(operator.sub(*ends), rows)
+        parts.append(change / 2 if between else change)
     return _in_order(numbers, parts)
 
 

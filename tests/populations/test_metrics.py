@@ -121,8 +121,7 @@ def test_a_strut_that_lifts_a_load_by_hand():
     """A rigid one: its force is the load's weight and inertia, its effort the load lifted at each stroke.
 
     What is lifted was lowered before, and no motor stores it: work is nothing where strokes are whole, and effort is
-    where there is but half of one, down. Effort is a force times the rate half a step later: 1 % more at a stroke a
-    second, where inertia is 40 % of the weight. Rates peak between two steps, 5e-4 higher; peaks of forces are means.
+    where there is but half of one, down. Rates peak between two steps, 5e-4 higher; peaks of forces are means.
     """
     amplitude, frequency = np.array([0.3, 0.2, 0.2, 0.0]), np.array([0.5, 1.0, 0.25, 0.5])
     lifts = np.array([1, 2, 0, 0])
@@ -132,7 +131,7 @@ def test_a_strut_that_lifts_a_load_by_hand():
     metrics, weight = outcomes.metrics, CARRIED * G
     assert np.asarray(outcomes.failure).tolist() == [0] * 4
     np.testing.assert_allclose(metrics.peak_rate[:, 0], np.pi * frequency * amplitude, rtol=1e-3)
-    np.testing.assert_allclose(metrics.effort, weight * amplitude * lifts, rtol=0.012, atol=1e-12)
+    np.testing.assert_allclose(metrics.effort, weight * amplitude * lifts, rtol=1e-3, atol=1e-12)
     lowered = np.array([0, 0, 0.2, 0])
     # to the last step's work, which is done half a step before its end
     np.testing.assert_allclose(metrics.work, -weight * lowered, atol=1e-3 * weight)
@@ -147,18 +146,25 @@ def test_a_strut_that_lifts_a_load_by_hand():
 
 
 @pytest.mark.slow
-def test_motors_beside_a_gait_cost_what_they_lift():
-    """Two columns: a motor makes one of them longer by 0.09 m in a second, up to 0.1 m/s, and gaits move the other."""
+@pytest.mark.parametrize(
+    ("motor", "lifted"),
+    [(Motor(1, [0.0], [1.2], rate=0.1, lag=0.1), 0.09), (Motor(1, [0.0], [1.05], rate=0.1), 0.05)],
+    ids=["lag", "at once"],
+)
+def test_motors_beside_a_gait_cost_what_they_lift(motor, lifted):
+    """Two columns: a motor makes one of them longer, up to 0.1 m/s, and gaits move the other.
+
+    A motor that has its speed at once gives its load half of m v^2 in one step.
+    """
     alone = column(rigid=True)
     nodes = np.concatenate([alone.structure.nodes, np.add(alone.structure.nodes, [1.0, 0, 0])])
-    motor = Motor(1, [0.0], [1.2], rate=0.1, lag=0.1)
     struts = Members(((0, 1), (2, 3)), None, np.ones(2), motors=(motor,))
     two = Scene(Structure(nodes, [1.0, CARRIED] * 2, struts), G, ground=ExactGround())
     gaits = strokes(np.array([0.0, 0.2]), np.array([1.0, 1.0]))
     metrics = roll(two, gaits, 1.0, with_metrics=True, options=SolverOptions(dt=STEP)).metrics
     assert metrics.force.shape == (2, 1), "forces are those of the gait's actuators"
-    lifted = CARRIED * G * np.array([0.09, 0.09 + 0.2])
-    np.testing.assert_allclose(metrics.effort, lifted + CARRIED / 2 * 0.1**2, rtol=0.012)
+    expected = CARRIED * G * np.array([lifted, lifted + 0.2]) + CARRIED / 2 * 0.1**2
+    np.testing.assert_allclose(metrics.effort, expected, rtol=0.006)
 
 
 @pytest.mark.slow
