@@ -7,6 +7,7 @@ its finalists by more robots. All answers are then judged by one and the same en
 """
 
 from collections.abc import Callable, Iterator
+from functools import cache
 from itertools import product
 from typing import Literal, NamedTuple, get_args
 
@@ -15,9 +16,8 @@ from shared import Figure, Record, measurement
 import jax
 import numpy as np
 from pages import table
-from searches import built
 
-from jaxgrity import GAConfig, PolishConfig, SearchConfig, SearchProblem, contact_twin, evolve, load_scene
+from jaxgrity import GAConfig, InputError, PolishConfig, SearchConfig, SearchProblem, contact_twin, evolve, load_scene
 from jaxgrity import polish as polish_from
 from jaxgrity.search import (
     distinct,
@@ -78,7 +78,7 @@ def lasting_baselines(
         polish: rollouts of each kind of polish after each search; 0: none
     """
     if "CMA-ES" in methods:
-        built("CMA-ES", 4, 1)
+        built(4, 1)
     scene, size, answers = load_scene("exact"), Size(gaits, population), []
     searches: dict[str, Callable] = {"random": random_search, "CMA-ES": cma_es, "GA": genetic}
     # all robots judge for longer than searches take: small sizes have few of them
@@ -174,11 +174,25 @@ def random_search(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
     return genes[np.argsort(-tried(problem, genes, seed))[:FINALISTS]]
 
 
+@cache
+def built(population: int, size: int):
+    """CMA-ES of evosax and its parameters, once for all seeds: a new object would be compiled anew.
+
+    Raises `InputError` where evosax is missing.
+    """
+    try:
+        from evosax.algorithms import CMA_ES
+    except ImportError as error:
+        raise InputError("CMA-ES needs evosax: pip install -e '.[baselines]'") from error
+    algorithm = CMA_ES(population, np.zeros(size))
+    return algorithm, algorithm.default_params.replace(std_init=1 / (2 * np.pi))
+
+
 def cma_es(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
     """CMA-ES from the best of the random gaits; its mean, and the best of its last generations."""
     genes, _ = first(problem, size, seed)
     each, key = size.population // 2, jax.random.key(seed)
-    algorithm, parameters = built("CMA-ES", each, problem.genome.size)
+    algorithm, parameters = built(each, problem.genome.size)
     state, best = algorithm.init(key, genes[0], parameters), []
     for number in range((size.gaits - len(genes)) // each):
         asked, told = jax.random.split(jax.random.fold_in(key, number))

@@ -30,7 +30,7 @@ BLOCKS = {
     "docs/performance.md": 5,
     "docs/scaling.md": 3,
     "docs/identification.md": 4,
-    "docs/search_records.md": 8,
+    "docs/search_records.md": 6,
     "docs/validation.md": 4,
     "docs/matrix.md": 2,
 }

@@ -114,11 +114,6 @@ def test_no_experiment_imports_what_is_not_public(path):
         ("design_study", ["--strut-force", "-1"], ["expected positive limits"]),
         ("hard_cases", ["--cases", "warp drive"], ["cases = 'warp drive': unknown", "drop from 10 m"]),
         ("hard_cases", ["--methods", "euler"], ["euler", "rk4, tsit5"]),
-        (
-            "search_baselines",
-            ["--rollouts", "64", "--seeds", "1", "--methods", "random", "--plain", "random"],
-            ["64 rollouts: expected more"],
-        ),
         ("keep_gait", ["--run", "missing", "--name", "mine"], ["missing/gait.json"]),
         ("update_docs", ["--docs", "missing"], ["missing"]),
     ],
@@ -303,19 +298,6 @@ def test_damage_is_survived(tmp_path):
     page = words("damage", facts)
     assert "| strut | library: cables |" in page
     assert all(f"| {robot} | cables, scaled |" in page for robot in ("nothing", "cable", "strut"))
-
-
-@pytest.mark.campaign
-def test_searches_are_compared_at_equal_cost(tmp_path):
-    """Random search, the GA, the GA running on, and with polish, quick: the same budget to a few generations, and
-    judged alike."""
-    methods = ["random", "GA", "GA+more", "GA+smoothed"]
-    facts = quick("studies/search_baselines.py", tmp_path, "--methods", *methods)
-    assert [row["method"] for row in facts["methods"]] == ["plain random", *methods]
-    assert "| GA+smoothed |" in words("search_baselines", facts)
-    for one in facts["rows"]:
-        assert 0.7 * 1024 < one["rollouts"] <= 1024
-        assert one["failed_judges"] == 0
 
 
 @pytest.mark.campaign
