@@ -84,8 +84,10 @@ def explored(scene: str, out: Path, case: Case) -> None:
 
 
 def sought(scene: str, out: Path, case: Case) -> None:
-    """A page, and a gait; some minutes."""
-    search.main(SearchSettings(scene=scene, out=out, quick=True))
+    """A page, and a gait; some minutes. Settings are alike at all sizes but that none is longer than a quick search."""
+    time = case.at.time
+    settings = SearchSettings(scene=scene, out=out, quick=True, duration=8 * time, frequency=(0.3 / time, 1.6 / time))
+    search.main(settings)
     assert (out / "index.html").exists()
 
 
