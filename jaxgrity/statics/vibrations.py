@@ -37,7 +37,8 @@ class Modes(NamedTuple):
     """Natural vibrations q + a shapes[k] sin(2 pi frequency[k] t), the slowest first, without rigid motions."""
 
     frequency: PerRow
-    """Hz; 0 for a motion without resistance, or a growing one about a shape that is no minimum"""
+    """Hz; 0 for a growing motion about a shape that is no minimum, and for one without resistance: its square is below
+    1e-9 of the largest, as that of a slow pendulum of stiff members may be"""
     shapes: Float[AnyArray, "rows nodes 3"]
     """m, each with a kinetic energy of 1 J at a rate of 1/s and factor sqrt(2): shape' M shape = 1 kg m^2"""
     growing: int
