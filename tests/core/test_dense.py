@@ -77,7 +77,7 @@ def test_derivatives_solve_no_system_by_threads():
         assert max(sizes) <= INVERTED_AT_ONCE
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_derivatives_where_struts_are_redundant():
     """Ten struts between five nodes that slide on the ground: the tenth changes nothing of what the first nine do.
 

@@ -293,7 +293,7 @@ def test_what_is_saved_is_what_is_shown(page, tmp_path):
     assert made["animation.gif"].startswith(b"GIF89a")
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_scene_that_leans_is_saved_with_an_inclined_plane(exact):
     """It moves as the one that is shown does, seen from a frame that is turned."""
     lean = np.radians(10.0)

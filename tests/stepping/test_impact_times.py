@@ -209,8 +209,9 @@ def tumbling(scene: Scene, dt: float, coupled: bool = False, until: float = UNTI
     return end
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("coupled", [False, True])
+@pytest.mark.parametrize(
+    "coupled", [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=pytest.mark.campaign)]
+)
 def test_through_a_bounce_of_a_spinning_rod_the_derivative_is_that_of_the_closed_form(coupled):
     """The impact sets both ends in motion, and where it is depends on the angle at its time."""
     starts = jnp.array([0.45, 9.81, -0.3]) + HEIGHTS / 2

@@ -201,8 +201,10 @@ def test_cables_on_both_sides_of_a_hinge_pull_alike():
     np.testing.assert_allclose(tensions(structure), 30, rtol=1e-9)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ROBOTS)
+SIZES = {kind: pytest.mark.slow if kind == "superball" else pytest.mark.campaign for kind in ROBOTS}
+
+
+@pytest.mark.parametrize("kind", [pytest.param(kind, marks=SIZES[kind]) for kind in ROBOTS])
 def test_robots_stand(kind):
     """Pushed aside for a moment: energy and momentum balance, bodies keep their shape, cables stay taut."""
     weight = 9.81 * moments(ROBOTS[kind])[0]
