@@ -128,18 +128,19 @@ def short(record: Record) -> str:
     """Rollouts a second beside the others', and steps a second of all robots together."""
     near, ours = record["rollouts_per_second"][0], "complementarity"
     rows = [
-        [written, f"{near['rates'][name]:,.0f} simulations of {record['duration']:g} s per second"]
+        [written, f"{near['rates'][name]:,.0f} robots per second"]
         for name, written in {ours: "jaxgrity, exact contact", **WRITTEN}.items()
         if name in near["rates"] and name in (ours, "exact", "mujoco Euler")
     ]
     rows += [
         [
             f"jaxgrity with a step of {1e3 * cost['dt']:g} ms, {cost['dtype']}",
-            f"{1e-6 / (cost['seconds'] * cost['dt']):.1f} million steps of a robot per second",
+            f"{1e-6 / (cost['seconds'] * cost['dt']):.1f} million steps per second",
         ]
         for cost in [cost for cost in record["costs"] if cost["engine"] == ours][:1]
     ]
-    return table([f"{record['gaits']} robots at once on {record['cores']} cores", "measured"], rows)
+    at_once = f"{record['gaits']} robots at once on {record['cores']} cores, {record['duration']:g} s of motion each"
+    return table([at_once, "measured"], rows)
 
 
 def costs_table(record: Record) -> str:

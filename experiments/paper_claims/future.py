@@ -46,8 +46,8 @@ def check(quick: bool) -> Report:
             "multi-step rolling path planning with obstacles",
             "9",
             REFERENCE,
-            f"the {spread['gaits']} gaits tried leave into {spread['sectors']} of 8 sectors of 45 degrees; by the plan "
-            f"{planned['reached']} of {robots} robots reach a goal round obstacles, and touch nothing",
+            f"the {spread['gaits']} gaits tried lead in {spread['sectors']} of 8 directions (sectors of 45 degrees); "
+            f"by the plan {planned['reached']} of {robots} robots reach a goal round obstacles, and touch nothing",
             verdict(planned["reached"] == robots, planned["reached"] > 0),
             "jaxgrity has it: `jaxgrity.control.lead_to` (`docs/control.md`)",
         ),

@@ -70,9 +70,9 @@ def exactness_row(resting: dict[str, float]) -> Row:
     beyond = [depth for k, depth in resting.items() if float(k) > weight]
     off = max(abs(depth * float(k) / weight - 1) for k, depth in resting.items())
     why = (
-        f"every k_n exceeds the multiplier m g = {weight} N, and every block is pressed in, by m g/k_n to {off:.0e}. "
-        "The theorem is about exact (not differentiable) penalties, k |g|; a quadratic one is exact only as k_n "
-        "grows without bound"
+        f"every k_n exceeds the multiplier m g = {weight} N, yet every block is pressed in by m g/k_n, to a relative "
+        f"error of {off:.0e}. The theorem is about exact penalties k |g|, which have a kink. A quadratic penalty is "
+        "exact only in the limit of infinite k_n"
     )
     exact = max(beyond) < 1e-12
     claim = "with k_n > max |mu| the penalty is exact"

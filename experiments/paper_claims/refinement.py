@@ -127,8 +127,8 @@ def blame_row(name: str, found: dict) -> Row:
     )
     if saturates and parted:
         why = (
-            "it saturates, but not by non-smooth forces alone: they lower the order, yet early on the error goes on "
-            "falling. It is chaos: any error grows until it is as large as the motion"
+            "chaos saturates it: any error grows until it is as large as the motion. Non-smooth forces only lower the "
+            "order: early on the error goes on falling"
         )
     elif saturates:
         why = "it saturates while neighbours stay close: the forces' jumps do it"

@@ -27,7 +27,7 @@ def check(quick: bool) -> Report:
                 verdict(holds),
                 "the orthogonal icosahedron, three pairs of parallel struts"
                 if holds
-                else "opposite vertices joined: all struts cross in one point, which no robot can build, and all 30 "
+                else "opposite vertices joined: all struts cross in one point, which nobody can build, and all 30 "
                 "edges are cables",
             )
         )

@@ -250,7 +250,7 @@ def words(record: Record) -> str:
         "rollouts": "{rollouts}",
         "failed": "{flagged}",
         "off": "{off_by_more_than_1e-6}",
-        "largest error of a length, share of it": "{largest_stretch:.0e}",
+        "largest relative error of a length": "{largest_stretch:.0e}",
         "largest residual, m/s": lambda row: (
             f"{row['largest_residual']:.0e}" if row["name"] == "coupled" else "not computed"
         ),
