@@ -136,6 +136,9 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     slowest, since = steady["slowest_window"], steady["settled_after"]
     lengths = steady["body_lengths_per_second"]
     multiplier = with_error(steady["multiplier"], steady["multiplier_error_bar"])
+    turning = with_error(*(float(np.degrees(steady[name])) for name in ("turning", "turning_error_bar")), " °/s")
+    slow = f"; slowest {steady.get('window', WINDOW):.3g} s after that: "
+    slow = "" if slowest is None else f"{slow}{significant(slowest)} m/s"
     neutral = "translation and yaw" if steady.get("yaw_excluded", True) else "translation"
     held = f"largest Floquet multiplier {multiplier} per cycle ({neutral} excluded; measured over two cycles); "
     back = f"{100 * steady['returned']:.0f} % of disturbed robots return"
@@ -143,12 +146,9 @@ def steady_rows(steady: Facts) -> dict[str, str]:
         "speed": with_error(steady["speed"], steady["speed_error_bar"], " m/s")
         + f" ({significant(lengths)} body lengths/s)",
         "lasts": f"watched for {significant(steady['verified_for'], 0, 2)} s; settles after "
-        f"{significant(since, 0, 2)} s; "
-        f"slowest {steady.get('window', WINDOW):.3g} s after that: {significant(slowest)} m/s",
-        "turning": with_error(
-            float(np.degrees(steady["turning"])), float(np.degrees(steady["turning_error_bar"])), " °/s"
-        )
-        + f"; perturbed robots bend by {_bends(own)} per body length, on the other contact model by {_bends(other)}",
+        f"{significant(since, 0, 2)} s{slow}",
+        "turning": f"{turning}; half of the perturbed robots bend by {_bends(own)} per body length, on the other "
+        f"contact model by {_bends(other)}",
         **_headed(steady["along_heading"]),
         "stability": (held if np.isfinite(steady["multiplier"]) else "") + back,
         "cycle": f"{significant(cycle, 2)} s, {steady['periods']} period{'s' * (steady['periods'] != 1)} of actuation; "
