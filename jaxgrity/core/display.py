@@ -69,7 +69,7 @@ def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str
     """A mean over perturbed robots, with `COVERING` standard errors, and their standard deviation, in words.
 
     From a record with "standard_error" (None of one robot), "standard_deviation", and the mean by its name; perhaps
-    with the number of those that "failed", of which neither is. Where robots do not differ, the mean is all.
+    with the number of those that "failed". Where robots do not differ, the mean is all.
     """
     deviation, error, failed = robots["standard_deviation"], robots["standard_error"], robots.get("failed", 0)
     lost = f"{failed} robot{'s' * (failed != 1)} failed" if failed else ""

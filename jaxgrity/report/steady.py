@@ -11,7 +11,7 @@ from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.cycles import plane_of
 from jaxgrity.orbits.error_bars import orbit_error_bars
-from jaxgrity.orbits.finding import WINDOW, Orbit, period_of, shortest_watch
+from jaxgrity.orbits.finding import SETTLED, WINDOW, Orbit, period_of, shortest_watch
 from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.orbits.orbit_symmetry import repetition
 from jaxgrity.populations.uncertainty import Uncertainty
@@ -131,7 +131,7 @@ def _along(heading: float, orbit: Orbit, robots: _Robots) -> Facts:
 def steady_rows(steady: Facts) -> dict[str, str]:
     """The orbit in words, by row headings of the report."""
     if not steady["settled"]:
-        return {"orbit": f"none: the shape still changes by {steady['residual']:.2g} m over a cycle"}
+        return {"orbit": f"none: {_restless(steady)}"}
     own, other, cycle = steady["robust"], steady["other_contact_model"], steady["period"] * steady["periods"]
     slowest, since = steady["slowest_window"], steady["settled_after"]
     lengths = steady["body_lengths_per_second"]
@@ -159,6 +159,15 @@ def steady_rows(steady: Facts) -> dict[str, str]:
         "both contact models": f"{mean_of_robots(own, 'm/s')} over {counted_robots(own['robots'])}; "
         f"{mean_of_robots(other, 'm/s', 'speed')} on the other contact model",
     }
+
+
+def _restless(steady: Facts) -> str:
+    """Why there is no orbit, in words."""
+    if not steady["verified_for"]:
+        return "the rollout failed"
+    if steady["residual"] <= SETTLED * steady["body_length"]:
+        return f"the robot turns by {np.degrees(steady['turning']):.2g} °/s; on a slope or in wind no orbit turns"
+    return f"the shape still changes by {steady['residual']:.2g} m over a cycle"
 
 
 def _headed(along: Facts | None) -> dict[str, str]:

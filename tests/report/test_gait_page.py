@@ -30,6 +30,7 @@ STEADY = {
     "period": 1.3455,
     "periods": 2,
     "residual": 9e-14,
+    "body_length": 1.0,
     "repetition": {"time": 1.3455, "nodes": [], "residual": 0.0},
     "cycle": {"supports": [[6, 9, 11], [0, 6, 9]], "cost_of_transport": 3.77},
     "robust": {
@@ -148,6 +149,10 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert alike.startswith("0.824 m/s over one robot, as nothing is uncertain; 0.81")
     lost = steady_rows({**STEADY, "settled": False, "residual": 0.3})
     assert lost == {"orbit": "none: the shape still changes by 0.3 m over a cycle"}
+    turning = steady_rows({**STEADY, "settled": False, "residual": 0.02, "turning": 0.1})
+    assert turning == {"orbit": "none: the robot turns by 5.7 °/s; on a slope or in wind no orbit turns"}
+    failed = steady_rows({**STEADY, "settled": False, "residual": np.inf, "verified_for": 0.0})
+    assert failed == {"orbit": "none: the rollout failed"}
 
 
 def test_the_rows_say_who_is_beyond_a_bound():
@@ -166,7 +171,8 @@ def test_the_rows_say_who_is_beyond_a_bound():
 def test_the_row_of_the_objective_says_that_a_gait_is_late():
     """Where steady objectives count time before full swing; a quick search of 8 s, with starts as usual, does not."""
     robots = {**STEADY["robust"], "step_error": 1e-3}
-    known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": [], "searches": []}
+    known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": []}
+    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824]}]}
     known |= {"fidelity": {"levels": [{"name": "own"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
     known |= {"finalists": {"fitness": [1.0], "multipliers": None}, "diagnosis": {}, "ramp": 1.0}
     row = lambda objective, **when: search_rows({**known, **when}, None, objective)["objective"]  # noqa: E731
@@ -184,13 +190,18 @@ def test_the_rows_say_how_sure_each_direction_is():
     way = {"distance": 1.7512, "error_bar": 0.003, "heading": 2.0944}
     lost = {"distance": 1.5, "error_bar": 11.0, "heading": 0.0}
     robots = {"mean": 0.6, "standard_deviation": 0.0, "standard_error": None, "robots": 1, "step_error": 2.5e-3}
-    known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": [way, lost], "searches": []}
+    known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": [way, lost]}
+    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824]}]}
     known |= {"fidelity": {"levels": [{"name": "own"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
-    known |= {"finalists": {"fitness": [1.0], "multipliers": None}, "diagnosis": {}, "start": 1.0, "ramp": 1.0}
+    known |= {"finalists": {"fitness": [0.732], "multipliers": None}, "diagnosis": {}, "start": 1.0, "ramp": 1.0}
     known |= {"distance": 1.75, "error_bar": 0.003, "duration": 8.0}
     rows = search_rows(known, None, jaxgrity.Distance())
     assert rows["directions"] == "1.751 ± 0.003 m towards 120°, 2 ± 10 m in no known direction"
     assert rows["sensitivity at the end"] == "not known"
+    assert rows["search"].startswith("64 rollouts of the evolution; ")
+    assert rows["fitness"] == (
+        "0.824, best of the last generation, by the draws that chose it; 0.732, the chosen finalist, by fresh ones"
+    )
     assert "; 0.600 m on the other" in rows["objective"]
     assert "error of the time step 0.0025 m;" in rows["objective"]
     fallen = {**known, "robust": {**robots, "step_error": np.nan}}
