@@ -2,7 +2,8 @@
 
 Two gaits of the library meet the same ensembles of robots that differ, once for each of many seeds, on both contact
 models. What all robots together say counts as true. Ranges are two standard errors to both sides, and should cover it
-in 19 of 20 cases. On exact contact the speeds of robots along their paths, as records have them, are drawn again too.
+in 19 of 20 cases. Speeds of robots along their paths, as records have them, are drawn again too, and the multipliers of
+orbits, by other disturbances: their range is the largest difference from three more draws.
 """
 
 from collections.abc import Iterator
@@ -27,6 +28,7 @@ from jaxgrity import (
     load_scene,
     with_gait,
 )
+from jaxgrity.orbits import find_orbit, stability
 from jaxgrity.report import plot
 from jaxgrity.search import Judging, influences, judge, model_of, robot_motions, standard_error
 
@@ -34,8 +36,16 @@ COVERING = 2.0
 """standard errors in a range"""
 CAUTION = 1.0
 """standard deviations that the fitness holds against a gait, as in a default search"""
+DISTURBED = 4
+"""draws of disturbances from which a multiplier has its range, as in `orbit_error_bars`"""
+WATCHED = 120.0
+"""s, for an orbit"""
 GAIN = "gain from the first to the second"
 """name in the record of the second gait's fitness less the first one's"""
+
+
+Redrawn = tuple[np.ndarray, np.ndarray, float]
+"""of each draw the value, and half of the width of its range, and what is true"""
 
 
 @measurement(
@@ -60,13 +70,13 @@ def redraws(
         contacts: contact models
     """
     pair = [load_gait(name) for name in gaits]
-    own = with_gait(load_scene("exact"), pair[0])
+    own = [with_gait(load_scene("exact"), gait) for gait in pair]
     for contact in contacts:
-        each = judged(own if contact == "exact" else contact_twin(own), pair_of(pair), draws, robots, duration)
-        found = statistics(each, gaits)
-        if contact == "exact":
-            for name in gaits:
-                found[f"speed of {name} along its path"] = along_its_path(name, draws, robots, duration)
+        scenes = own if contact == "exact" else [contact_twin(scene) for scene in own]
+        found = statistics(judged(scenes[0], pair_of(pair), draws, robots, duration), gaits)
+        for name, scene in zip(gaits, scenes):
+            found[f"speed of {name} along its path"] = along_its_path(scene, draws, robots, duration)
+            found[f"Floquet multiplier of {name}"] = multipliers(scene, draws)
         for statistic, (values, ranges, true) in found.items():
             off = (values - true) / ranges
             covered = float(np.mean(np.abs(off) <= 1))
@@ -91,21 +101,28 @@ def judged(scene: Scene, pair: Gait, draws: int, robots: int, duration: float) -
     return np.array([judge(jax.random.key(seed), judging, pair).each for seed in seeds])
 
 
-def along_its_path(gait: str, draws: int, robots: int, duration: float) -> tuple[np.ndarray, np.ndarray, float]:
+def along_its_path(scene: Scene, draws: int, robots: int, duration: float) -> Redrawn:
     """The mean that records and `robot_motions` have, of each draw, with its range, and what all robots say; m/s."""
-    scene, uncertainty = with_gait(load_scene("exact"), load_gait(gait)), SearchConfig().uncertainty
+    uncertainty = SearchConfig().uncertainty
     asked = {"robots": robots, "duration": duration, "options": SolverOptions(dtype="float32")}
-    seeds = tqdm(range(draws), desc=f"{gait}, along its path", unit="ensemble")
+    seeds = tqdm(range(draws), desc="along its path", unit="ensemble", leave=False)
     found = [robot_motions(scene, uncertainty, seed=seed, **asked).summary() for seed in seeds]
     speed, error = (np.array([each[name] for each in found]) for name in ("speed", "standard_error"))
     return speed, COVERING * error, float(speed.mean())
 
 
-def statistics(each: np.ndarray, gaits: tuple[str, str]) -> dict[str, tuple[np.ndarray, np.ndarray, float]]:
+def multipliers(scene: Scene, draws: int) -> Redrawn:
+    """The largest multiplier per cycle, of each draw, with its range, and the mean of all."""
+    orbit, seeds = find_orbit(scene, WATCHED), tqdm(range(DISTURBED * draws), desc="multiplier", leave=False)
+    found = np.array([stability(scene, orbit, seed=seed).largest for seed in seeds]).reshape(draws, DISTURBED)
+    return found[:, 0], np.abs(found[:, 1:] - found[:, :1]).max(1), float(found.mean())
+
+
+def statistics(each: np.ndarray, gaits: tuple[str, str]) -> dict[str, Redrawn]:
     """Of each draw the value and its range, and what all robots say."""
     every = each.swapaxes(0, 1).reshape(2, -1)
     pooled = fitness_of(every)
-    found: dict[str, tuple[np.ndarray, np.ndarray, float]] = {}
+    found: dict[str, Redrawn] = {}
     for k, name in enumerate(gaits):
         ranges = np.array([COVERING * standard_error(one[k]) for one in each])
         found[f"mean speed of {name}"] = each[:, k].mean(1), ranges, float(every[k].mean())

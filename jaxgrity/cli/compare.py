@@ -24,10 +24,9 @@ def steady(summary: dict[str, Any]) -> str:
 
 
 def beyond(summary: dict[str, Any]) -> str:
-    """Whether the gait exceeds the bounds on actuators, or the share of perturbed robots beyond them."""
-    if not summary["within_bounds"]:
-        return "yes"
-    return f"{100 * summary['beyond_bounds']:.3g} %"
+    """Whether the gait itself exceeds the bounds on actuators, and the share of perturbed robots beyond them."""
+    own = "" if summary["within_bounds"] else "itself, and "
+    return f"{own}{100 * summary['beyond_bounds']:.3g} % of robots"
 
 
 COLUMNS = {
@@ -39,7 +38,7 @@ COLUMNS = {
     "motion": lambda s: "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} rolls",
     "peak N, m/s, W": lambda s: "{peak_force:.3g}, {peak_rate:.2g}, {peak_power:.3g}".format(**s["actuators"]),
     "beyond a bound": beyond,
-    "rollouts": lambda s: str(sum(search["rollouts"] for search in s["searches"])),
+    "rollouts evolved": lambda s: str(sum(search["rollouts"] for search in s["searches"])),
     "seconds": lambda s: f"{s['wall_seconds']:.0f}",
 }
 """Functions of a summary that make the columns of the table, by their heads."""

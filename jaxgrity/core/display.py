@@ -44,15 +44,15 @@ def with_error(
         return f"{significant(value) if decimals is None else _rounded(value, decimals)}{unit} (error not known)"
     most = KNOWN - 1 - _exponent(value) if decimals is None else decimals
     error = max(error, 0.5 * 10.0**-most)
-    known = min(most, int(digits[1:-1]) - 1 - _exponent(float(f"{error:{digits}}")))
-    if known > SMALLEST + KNOWN:
-        return f"{value:.2e} ± {error:{digits}}{unit}"
-    return f"{_rounded(value, max(0, known))} ± {error:{digits}}{unit}"
+    error = float(f"{error:{digits}}")
+    known = min(most, int(digits[1:-1]) - 1 - _exponent(error))
+    told = f"{value:.2e}" if known > SMALLEST + KNOWN else _rounded(value, max(0, known))
+    return f"{told} ± {error:g}{unit}"
 
 
 def finite_or(value: float, unit: str, otherwise: str) -> str:
     """A number of two digits with its unit, or other words where it is not finite."""
-    return f"{value:.2g} {unit}" if math.isfinite(value) else otherwise
+    return f"{value:.2g} {unit}".rstrip() if math.isfinite(value) else otherwise
 
 
 def _exponent(value: float) -> int:
@@ -68,14 +68,17 @@ def _rounded(value: float, decimals: int) -> str:
 def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str:
     """A mean over perturbed robots, with `COVERING` standard errors, and their standard deviation, in words.
 
-    From a record with "standard_error" (None of one robot), "standard_deviation", and the mean by its name. Where
-    robots do not differ, the mean is all.
+    From a record with "standard_error" (None of one robot), "standard_deviation", and the mean by its name; perhaps
+    with the number of those that "failed". Where robots do not differ, the mean is all.
     """
-    if not robots["standard_deviation"]:
-        return f"{significant(robots[mean])} {unit}".rstrip()
-    error = robots["standard_error"]
+    deviation, error, failed = robots["standard_deviation"], robots["standard_error"], robots.get("failed", 0)
+    lost = f"{failed} robot{'s' * (failed != 1)} failed" if failed else ""
+    if deviation is None or not math.isfinite(deviation):
+        return f"not known ({lost})"
+    if not deviation:
+        return f"{significant(robots[mean])} {unit}".rstrip() + (f" ({lost})" if failed else "")
     known = with_error(robots[mean], None if error is None else COVERING * error, f" {unit}".rstrip())
-    return f"{known} (standard deviation {robots['standard_deviation']:.2g})"
+    return f"{known} (standard deviation {deviation:.2g}{f'; {lost}' if failed else ''})"
 
 
 def counted_robots(count: int) -> str:

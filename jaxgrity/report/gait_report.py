@@ -106,7 +106,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
         "motion": None if motion is None else motion.summary(),
         "directions": found,
         "actuators": asked,
-        "within_bounds": result.promoted.within_bounds,
+        "within_bounds": asked["excess"] == 0,
         "diagnosis": trust.summary(),
         "command": origin.command,
     }
@@ -218,7 +218,7 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path) -> None:
     pictures = {
         "convergence.png": lambda: plot.convergence_figure(list(result.searches), names, unit),
         "fidelity.png": lambda: plot.fidelity_figure(compared, agreement.fitness, agreement.evolved, ranks, unit),
-        "robust.png": lambda: plot.robust_figure(seen, unit),
+        "robust.png": lambda: plot.robust_figure({name: x[np.isfinite(x)] for name, x in seen.items()}, unit),
         "path.png": lambda: plot.path_figure(scene, trajectory, float(verdict.verified.error_bar[0])),
     }
     (folder / "polish.png").unlink(missing_ok=True)

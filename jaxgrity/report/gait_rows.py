@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxgrity.core.display import counted_robots, mean_of_robots, significant, with_error
+from jaxgrity.core.display import counted_robots, finite_or, mean_of_robots, significant, with_error
 from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report import plot
 from jaxgrity.report.steady import steady_rows
@@ -67,12 +67,14 @@ def _in_the_ramp(summary: dict[str, Any]) -> str:
 
 
 def _beyond(summary: dict[str, Any]) -> str:
-    """Whether the gait, or some of its perturbed robots, exceed the bounds on actuators, in words."""
+    """By how much the gait, and which share of its perturbed robots, exceed the bounds on actuators, in words."""
+    told, share = "", summary["beyond_bounds"]
     if not summary["within_bounds"]:
-        return "; no gait within the bounds on actuators was found"
-    share = summary["beyond_bounds"]
-    told = "under 1" if share < 0.005 else f"{100 * share:.0f}"
-    return f"; {told} % of perturbed robots exceed a bound on actuators" if share else ""
+        told = f"; this exceeds its bounds by {100 * summary['actuators']['excess']:.2g} %"
+    if not share or summary["robust"]["robots"] == 1:
+        return told
+    some = "under 1" if share < 0.005 else f"{100 * share:.0f}"
+    return f"{told}; {some} % of perturbed robots exceed a bound on actuators"
 
 
 def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Objective) -> dict[str, str]:
@@ -87,18 +89,33 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Obje
     return {
         **verified,
         "motion": "no ground, or no motion" if motion is None else motion.sentence(),
-        "directions": ", ".join(
-            f"{significant(d['distance'], 2)} m towards {np.degrees(d['heading']):.0f}°" for d in summary["directions"]
-        ),
+        "directions": ", ".join(map(_direction, summary["directions"])),
         "objective": f"{mean_of_robots(robust, unit)} over {counted_robots(robust['robots'])}, error of the time "
-        f"step {robust['step_error']:.1g}; {mean_of_robots(other, unit)} on the other contact model"
-        + (f"; it {late}" if objective.steady and late else ""),
-        "search": f"{rollouts} rollouts; rank correlation (Spearman) of screening with {last}: {plot.ranked(ranks)}; "
-        f"among evolved gaits {plot.ranked(among)}",
+        f"step {finite_or(robust['step_error'], unit, 'not known')}; {mean_of_robots(other, unit)} on the other "
+        "contact model" + (f"; it {late}" if objective.steady and late else ""),
+        "search": f"{rollouts} rollouts of the evolution; rank correlation (Spearman) of screening with {last}: "
+        f"{plot.ranked(ranks)}; among evolved gaits {plot.ranked(among)}",
+        **_curse(summary),
         **_chosen(**summary["finalists"]),
         "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],
-        "sensitivity at the end": f"{summary['diagnosis'].get('sensitivity', np.nan):.3g} m/rad",
+        "sensitivity at the end": finite_or(summary["diagnosis"].get("sensitivity", np.nan), "m/rad", "not known"),
     }
+
+
+def _curse(summary: dict[str, Any]) -> dict[str, str]:
+    """The best fitness by the draws that chose it, beside that of the finalist that goes on, by fresh ones."""
+    best = summary["searches"][-1]["best"][-1]
+    return {
+        "fitness": f"{significant(best)}, best of the last generation, by the draws that chose it; "
+        f"{significant(summary['finalists']['fitness'][0])}, the chosen finalist, by fresh ones"
+    }
+
+
+def _direction(verified: dict[str, float]) -> str:
+    """A distance with its error bar, and the heading where the bar leaves one, in words."""
+    distance, bar = verified["distance"], verified["error_bar"]
+    way = f"towards {np.degrees(verified['heading']):.0f}°" if bar < distance else "in no known direction"
+    return f"{with_error(distance, bar, ' m')} {way}"
 
 
 def late_words(swing: float, duration: float) -> str:

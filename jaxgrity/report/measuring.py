@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from jaxgrity.model.actuation import Gait
+from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
 from jaxgrity.populations.metrics import cost_of_transport
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.report.steady import steady_facts
-from jaxgrity.search.objectives import SteadyDirection
+from jaxgrity.search.objectives import ActuatorBounds, SteadyDirection
 from jaxgrity.search.pipeline import UNSEEN, SearchResult
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
@@ -29,7 +29,7 @@ def gait_measured(
     """Long-run behaviour of the gait and of perturbed robots; its directions; the loads of actuators,
     and the bound on their rate, m/s or None."""
     scene, problem, steady = result.scene, result.problem, None
-    duration = float(problem.duration)
+    duration, bounds = float(problem.duration), problem.fitness.bounds
     if problem.seeks_orbits:
         # the last level has half of the step that was asked for, which this gait may not allow
         step = min(2 * result.levels[-1].dt, default_step(scene, default_method(scene)))
@@ -45,7 +45,7 @@ def gait_measured(
         )
     found = directions(scene, fine, duration)
     tick()
-    given = {**actuators(scene, fine, duration), "rate_bound": problem.fitness.bounds.rate}
+    given = {**actuators(scene, fine, duration, bounds), "rate_bound": bounds.rate}
     tick()
     return steady, found, given
 
@@ -69,8 +69,8 @@ def maps_members(gait: Gait, symmetry: Symmetry) -> bool:
     return {symmetry.members[k] for k in gait.members} == set(gait.members)
 
 
-def actuators(best: Scene, options: SolverOptions, duration: float) -> dict[str, Any]:
-    """The loads of the gait's actuators."""
+def actuators(best: Scene, options: SolverOptions, duration: float, bounds: ActuatorBounds) -> dict[str, Any]:
+    """The loads of the gait's actuators, and their excess over the bounds (`ActuatorBounds.excess`)."""
     assert best.gait is not None, "a search finds a gait"
     # from rest, and since when, said so that `orbit_cycle` shares the compiled program
     start = Differences(velocities=np.zeros((1, *best.structure.nodes.shape)))
@@ -82,4 +82,5 @@ def actuators(best: Scene, options: SolverOptions, duration: float) -> dict[str,
     peaks = {name: float(np.max(getattr(metrics, name))) for name in ("peak_rate", "peak_force", "peak_power")}
     works = {name: float(getattr(metrics, name)[0]) for name in ("work", "effort")}
     costs = {f"cost_of_transport_by_{name}": float(cost_of_transport(best, x, distance)) for name, x in works.items()}
-    return {**peaks, **works, **costs}
+    rate = np.max(peak_rates(best.gait, actuated_lengths(best.structure, best.gait.members)), keepdims=True)
+    return {**peaks, **works, **costs, "excess": float(bounds.excess(rate, metrics)[0])}

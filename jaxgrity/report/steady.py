@@ -11,7 +11,7 @@ from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.cycles import plane_of
 from jaxgrity.orbits.error_bars import orbit_error_bars
-from jaxgrity.orbits.finding import WINDOW, Orbit, period_of, shortest_watch
+from jaxgrity.orbits.finding import SETTLED, WINDOW, Orbit, period_of, shortest_watch
 from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.orbits.orbit_symmetry import repetition
 from jaxgrity.populations.uncertainty import Uncertainty
@@ -131,11 +131,14 @@ def _along(heading: float, orbit: Orbit, robots: _Robots) -> Facts:
 def steady_rows(steady: Facts) -> dict[str, str]:
     """The orbit in words, by row headings of the report."""
     if not steady["settled"]:
-        return {"orbit": f"none: the shape still changes by {steady['residual']:.2g} m over a cycle"}
+        return {"orbit": f"none: {_restless(steady)}"}
     own, other, cycle = steady["robust"], steady["other_contact_model"], steady["period"] * steady["periods"]
     slowest, since = steady["slowest_window"], steady["settled_after"]
     lengths = steady["body_lengths_per_second"]
     multiplier = with_error(steady["multiplier"], steady["multiplier_error_bar"])
+    turning = with_error(*(float(np.degrees(steady[name])) for name in ("turning", "turning_error_bar")), " °/s")
+    slow = f"; slowest {steady.get('window', WINDOW):.3g} s after that: "
+    slow = "" if slowest is None else f"{slow}{significant(slowest)} m/s"
     neutral = "translation and yaw" if steady.get("yaw_excluded", True) else "translation"
     held = f"largest Floquet multiplier {multiplier} per cycle ({neutral} excluded; measured over two cycles); "
     back = f"{100 * steady['returned']:.0f} % of disturbed robots return"
@@ -143,12 +146,9 @@ def steady_rows(steady: Facts) -> dict[str, str]:
         "speed": with_error(steady["speed"], steady["speed_error_bar"], " m/s")
         + f" ({significant(lengths)} body lengths/s)",
         "lasts": f"watched for {significant(steady['verified_for'], 0, 2)} s; settles after "
-        f"{significant(since, 0, 2)} s; "
-        f"slowest {steady.get('window', WINDOW):.3g} s after that: {significant(slowest)} m/s",
-        "turning": with_error(
-            float(np.degrees(steady["turning"])), float(np.degrees(steady["turning_error_bar"])), " °/s"
-        )
-        + f"; perturbed robots bend by {_bends(own)} per body length, on the other contact model by {_bends(other)}",
+        f"{significant(since, 0, 2)} s{slow}",
+        "turning": f"{turning}; half of the perturbed robots bend by {_bends(own)} per body length, on the other "
+        f"contact model by {_bends(other)}",
         **_headed(steady["along_heading"]),
         "stability": (held if np.isfinite(steady["multiplier"]) else "") + back,
         "cycle": f"{significant(cycle, 2)} s, {steady['periods']} period{'s' * (steady['periods'] != 1)} of actuation; "
@@ -159,6 +159,15 @@ def steady_rows(steady: Facts) -> dict[str, str]:
         "both contact models": f"{mean_of_robots(own, 'm/s')} over {counted_robots(own['robots'])}; "
         f"{mean_of_robots(other, 'm/s', 'speed')} on the other contact model",
     }
+
+
+def _restless(steady: Facts) -> str:
+    """Why there is no orbit, in words."""
+    if not steady["verified_for"]:
+        return "the rollout failed"
+    if steady["residual"] <= SETTLED * steady["body_length"]:
+        return f"the robot turns by {np.degrees(steady['turning']):.2g} °/s; on a slope or in wind no orbit turns"
+    return f"the shape still changes by {steady['residual']:.2g} m over a cycle"
 
 
 def _headed(along: Facts | None) -> dict[str, str]:

@@ -178,12 +178,16 @@ class Verdict(NamedTuple):
     """share of `ROUND` robots that exceed a bound on their actuators"""
 
     def summary(self) -> dict[str, Any]:
-        """The numbers for a JSON file; SI units."""
+        """The numbers for a JSON file; SI units. Means and standard deviations are of the robots that did not fail."""
         robust, other = self.robust.each[0], self.other_model.each[0]
 
         def spread(each: np.ndarray) -> dict[str, Any]:
-            error = standard_error(each) if each.size > 1 else None
-            return {"mean": float(each.mean()), "standard_deviation": float(each.std()), "standard_error": error}
+            known = each[np.isfinite(each)]
+            mean, deviation = (float(known.mean()), float(known.std())) if known.size else (np.nan, np.nan)
+            # pairs of which one failed do not tell the error
+            error = standard_error(each) if known.size == each.size > 1 else None
+            failed = each.size - known.size
+            return {"mean": mean, "standard_deviation": deviation, "standard_error": error, "failed": failed}
 
         return {
             "distance": float(self.verified.distance[0]),

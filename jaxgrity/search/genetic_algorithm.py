@@ -232,8 +232,8 @@ def _advance(state: EvolutionState, judging: Judging, genome: Genome, config: GA
         children, memory = asked_next(bred, raw, scores.merit, state.memory, config.population, width)
     else:
         children = _breed(bred, generation, np.asarray(progress, genes.dtype), genome, config)
-    within = ((scores.beyond == 0) & ~scores.failed)[order]
-    median = _median(generation.fitness[within] if within.any() else generation.fitness)
+    within = (scores.beyond == 0) & ~scores.failed
+    median = _median(scores.fitness[within] if within.any() else scores.fitness)
     newest = (float(generation.fitness[0]), median, float(generation.failed), float(within.sum()))
     record = Record(*(np.append(so_far, x) for so_far, x in zip(state.record, newest)))
     return EvolutionState(state.number + 1, jax.random.key_data(key), children, record, generation, memory)

@@ -32,7 +32,7 @@ class RobotMotions(NamedTuple):
     """(robots,), rad to the left in a body length of the path; NaN where the rollout failed"""
 
     def summary(self) -> dict[str, Any]:
-        """Means and standard deviations, m/s; for the bend the median and the quartiles, None where all failed."""
+        """Means and standard deviations, m/s, of all robots; of bends median and quartiles, None where all failed."""
         known = self.bend[np.isfinite(self.bend)]
         quartiles = np.quantile(known, (0.25, 0.5, 0.75)).tolist() if known.size else [None] * 3
         return {
@@ -44,6 +44,7 @@ class RobotMotions(NamedTuple):
             "bend": quartiles[1],
             "bend_quartiles": quartiles[::2],
             "robots": len(self.speed),
+            "failed": len(self.speed) - known.size,
         }
 
 

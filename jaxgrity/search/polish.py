@@ -182,6 +182,8 @@ def _gain(before: Scores, after: Scores, caution: float) -> str:
             return f"a robot failed with the {name}'s gait: {outcome}"
     gain = np.subtract(*(influences(scores.each, caution)[0] for scores in (after, before)))
     difference = float(after.fitness[0] - before.fitness[0])
+    if not gain.any():
+        return f"fitness unchanged: {outcome}"
     told = significant(abs(difference))
     if gain.size > 1:
         told = with_error(abs(difference), COVERING * standard_error(gain), digits=".2g") + f" over {gain.size} robots"

@@ -122,18 +122,19 @@ def kept_or_undone(
     start: np.ndarray,
     polished: Polished,
 ) -> Polished:
-    """The polished gait; or its start, where polishing left the bounds or the attracting orbit that the start had.
+    """The polished gait; or its start, where polishing exceeds bounds by more, or left the start's attracting orbit.
 
     `start` are the genes of the best promoted gait, in the polished genome.
     """
     if not polished.improved:
         return polished
     _, own, *_, verification = levels
-    genes, before, but = polished.genes[None], promoted.multipliers, ""
-    if promoted.within_bounds and excess_at(own, genes, problem, bounds)[0] > 0:
-        but = "it is beyond a bound on actuators"
+    pair, before, but = np.stack([start, polished.genes]), promoted.multipliers, ""
+    least, excess = excess_at(own, pair, problem, bounds)
+    if excess > least:
+        but = f"it is {'further ' if least else ''}beyond a bound on actuators"
     elif before is not None and before[0] < 1:
-        after = multipliers_of(problem, genes, 2 * verification.dt)
+        after = multipliers_of(problem, pair[1:], 2 * verification.dt)
         if after is not None and after[0] >= 1:
             but = f"its orbit multiplies a disturbance in one cycle by {multiplier_words(after[0])}, not "
             but += multiplier_words(before[0])

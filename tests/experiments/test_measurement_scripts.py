@@ -315,9 +315,9 @@ def test_nothing_is_lost_in_a_crash(tmp_path):
 
 @pytest.mark.campaign
 def test_ranges_are_drawn_again(tmp_path):
-    """Seven statistics of two gaits on exact contact, and the words that are made of them."""
+    """Nine statistics of two gaits on exact contact, and the words that are made of them."""
     facts = quick("studies/redraws.py", tmp_path / "redraws")
-    assert len(facts["rows"]) == 7
+    assert len(facts["rows"]) == 9
     assert all(0 <= row["covered"] <= 1 for row in facts["rows"])
     assert "| mean speed of straight | 95 % |" in words("redraws", facts)
 

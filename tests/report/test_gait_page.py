@@ -30,6 +30,7 @@ STEADY = {
     "period": 1.3455,
     "periods": 2,
     "residual": 9e-14,
+    "body_length": 1.0,
     "repetition": {"time": 1.3455, "nodes": [], "residual": 0.0},
     "cycle": {"supports": [[6, 9, 11], [0, 6, 9]], "cost_of_transport": 3.77},
     "robust": {
@@ -49,7 +50,7 @@ STEADY = {
     },
 }
 ACTUATORS = {"peak_force": 275.1, "peak_rate": 0.988, "peak_power": 143.4, "cost_of_transport_by_effort": 5.41}
-ACTUATORS |= {"rate_bound": 1.0}
+ACTUATORS |= {"rate_bound": 1.0, "excess": 0.0}
 
 
 RANKS = ("rank_correlation", "rank_correlation_of_the_evolved")
@@ -97,6 +98,7 @@ def test_a_cycle_must_be_within_the_motion(exact):
 def test_the_rows_say_what_a_gait_is_worth():
     """Speed first, then for how long, turning, stability, both models of contact, and what actuators must give."""
     known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0}
+    known |= {"robust": {"robots": 128}}
     rows = outcome_rows(known)
     strained = outcome_rows({**known, "beyond_bounds": 0.2})["actuators need"]
     assert strained.endswith("; 20 % of perturbed robots exceed a bound on actuators")
@@ -106,8 +108,6 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert in_ramp not in outcome_rows({**quick, "within_bounds": False})["actuators need"]
     unbounded = {**quick, "actuators": {**quick["actuators"], "rate_bound": None}}
     assert in_ramp not in outcome_rows(unbounded)["actuators need"]
-    lost = outcome_rows({**known, "within_bounds": False})["actuators need"]
-    assert lost.endswith("; no gait within the bounds on actuators was found")
     assert list(rows) == [
         "speed",
         "lasts",
@@ -120,7 +120,7 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert rows["speed"] == "0.886 ± 0.004 m/s (0.886 body lengths/s)"
     assert rows["lasts"] == "watched for 299 s; settles after 15 s; slowest 10 s after that: 0.885 m/s"
     assert rows["turning"] == (
-        "0.0 ± 0.2 °/s; perturbed robots bend by -6° to 11° per body length, on the other contact model "
+        "0.0 ± 0.2 °/s; half of the perturbed robots bend by -6° to 11° per body length, on the other contact model "
         "by no known angle"
     )
     assert rows["stability"].startswith("largest Floquet multiplier 0.09 ± 0.02 per cycle (translation")
@@ -142,17 +142,37 @@ def test_the_rows_say_what_a_gait_is_worth():
     small = steady_rows({**STEADY, "verified_for": 8.44, "settled_after": 0.32, "period": 0.05, "periods": 1})
     assert small["lasts"].startswith("watched for 8.4 s; settles after 0.32 s")
     assert small["cycle"].startswith("0.0500 s, 1 period of actuation")
+    brief = steady_rows({**STEADY, "slowest_window": None})["lasts"]  # settled for less than the first window
+    assert brief == "watched for 299 s; settles after 15 s"
     one = {"standard_deviation": 0.0, "standard_error": None, "robots": 1}
     alike = steady_rows({**STEADY, "robust": {**STEADY["robust"], **one}})["both contact models"]
     assert alike.startswith("0.824 m/s over one robot, as nothing is uncertain; 0.81")
     lost = steady_rows({**STEADY, "settled": False, "residual": 0.3})
     assert lost == {"orbit": "none: the shape still changes by 0.3 m over a cycle"}
+    turning = steady_rows({**STEADY, "settled": False, "residual": 0.02, "turning": 0.1})
+    assert turning == {"orbit": "none: the robot turns by 5.7 °/s; on a slope or in wind no orbit turns"}
+    failed = steady_rows({**STEADY, "settled": False, "residual": np.inf, "verified_for": 0.0})
+    assert failed == {"orbit": "none: the rollout failed"}
+
+
+def test_the_rows_say_who_is_beyond_a_bound():
+    """The gait itself, by how much, and which share of perturbed robots."""
+    known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0}
+    known |= {"robust": {"robots": 128}}
+    lost = {**known, "within_bounds": False, "beyond_bounds": 1.0, "actuators": {**ACTUATORS, "excess": 0.1234}}
+    told = outcome_rows(lost)["actuators need"]
+    assert told.endswith("; this exceeds its bounds by 12 %; 100 % of perturbed robots exceed a bound on actuators")
+    alone = outcome_rows({**lost, "robust": {"robots": 1}})["actuators need"]
+    assert alone.endswith("; this exceeds its bounds by 12 %")
+    assert compare.COLUMNS["beyond a bound"](lost) == "itself, and 100 % of robots"
+    assert compare.COLUMNS["beyond a bound"](known) == "0 % of robots"
 
 
 def test_the_row_of_the_objective_says_that_a_gait_is_late():
     """Where steady objectives count time before full swing; a quick search of 8 s, with starts as usual, does not."""
     robots = {**STEADY["robust"], "step_error": 1e-3}
-    known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": [], "searches": []}
+    known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": []}
+    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824]}]}
     known |= {"fidelity": {"levels": [{"name": "own"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
     known |= {"finalists": {"fitness": [1.0], "multipliers": None}, "diagnosis": {}, "ramp": 1.0}
     row = lambda objective, **when: search_rows({**known, **when}, None, objective)["objective"]  # noqa: E731
@@ -163,6 +183,29 @@ def test_the_row_of_the_objective_says_that_a_gait_is_late():
     )
     assert row(jaxgrity.SteadySpeed(), start=1.0, duration=8.0).endswith("on the other contact model")
     assert row(jaxgrity.Distance(), start=10.0, duration=20.0).endswith("on the other contact model")
+
+
+def test_the_rows_say_how_sure_each_direction_is():
+    """A heading where the error bar is shorter than the way; what was not measured is not known."""
+    way = {"distance": 1.7512, "error_bar": 0.003, "heading": 2.0944}
+    lost = {"distance": 1.5, "error_bar": 11.0, "heading": 0.0}
+    robots = {"mean": 0.6, "standard_deviation": 0.0, "standard_error": None, "robots": 1, "step_error": 2.5e-3}
+    known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": [way, lost]}
+    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824]}]}
+    known |= {"fidelity": {"levels": [{"name": "own"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
+    known |= {"finalists": {"fitness": [0.732], "multipliers": None}, "diagnosis": {}, "start": 1.0, "ramp": 1.0}
+    known |= {"distance": 1.75, "error_bar": 0.003, "duration": 8.0}
+    rows = search_rows(known, None, jaxgrity.Distance())
+    assert rows["directions"] == "1.751 ± 0.003 m towards 120°, 2 ± 10 m in no known direction"
+    assert rows["sensitivity at the end"] == "not known"
+    assert rows["search"].startswith("64 rollouts of the evolution; ")
+    assert rows["fitness"] == (
+        "0.824, best of the last generation, by the draws that chose it; 0.732, the chosen finalist, by fresh ones"
+    )
+    assert "; 0.600 m on the other" in rows["objective"]
+    assert "error of the time step 0.0025 m;" in rows["objective"]
+    fallen = {**known, "robust": {**robots, "step_error": np.nan}}
+    assert "error of the time step not known;" in search_rows(fallen, None, jaxgrity.Distance())["objective"]
 
 
 def test_sentences_say_what_to_know_first():

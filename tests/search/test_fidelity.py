@@ -37,10 +37,11 @@ from jaxgrity.search import (
     search_levels,
     with_robots,
 )
-from jaxgrity.search.fidelity import excess_at
+from jaxgrity.search.fidelity import Verdict, excess_at
 from jaxgrity.search.judging import judge_until, scored, standard_error
 from jaxgrity.search.models import rough_step
 from jaxgrity.stepping import default_method, default_step
+from jaxgrity.trust.error_bars import Verified
 
 SLOPE = 0.1
 STROKES = Gait((0,), [-np.pi / 2], [0.3], [1.0], start=0.0, ramp=0.25)
@@ -257,6 +258,7 @@ def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatc
         "mean": robust.mean(),
         "standard_deviation": robust.std(),
         "standard_error": robust.reshape(2, -1).mean(0).std(ddof=1) / np.sqrt(2),
+        "failed": 0,
         "tenth_percentile": np.quantile(robust, 0.1),
         "robots": 4,
         "step": factor * dt,
@@ -266,4 +268,17 @@ def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatc
         "mean": other.mean(),
         "standard_deviation": other.std(),
         "standard_error": other.reshape(2, -1).mean(0).std(ddof=1) / np.sqrt(2),
+        "failed": 0,
     }
+
+
+def test_robots_that_failed_are_counted_and_not_in_the_mean():
+    """Their pairs are broken, so that the error of the mean is not known."""
+    one = np.ones(1)
+    verified = Verified(one, 0.1 * one, np.zeros((1, 3)), np.zeros((1, 3)), (4e-3, 2e-3, 1e-3))
+    some, all_fell = (scored(np.array([each]), 0.5) for each in ([1.0, np.nan, 3.0, 2.0], 4 * [np.nan]))
+    summary = Verdict(verified, some, 4e-3, np.nan, all_fell, 0.0).summary()
+    told = {"mean": 2.0, "standard_deviation": np.std([1, 3, 2]), "standard_error": None, "failed": 1}
+    assert {name: summary["robust"][name] for name in told} == told
+    assert summary["other_contact_model"]["failed"] == 4
+    assert np.isnan(summary["other_contact_model"]["mean"])

@@ -162,7 +162,7 @@ def test_children_of_one_parent_are_near_one_of_the_best():
 
 
 def test_a_wide_first_generation_hands_on_its_best(problem):
-    """Of 24 gaits drawn at random 6 go on; all of them were rolled out."""
+    """Of 24 gaits drawn at random 6 go on; all of them were rolled out, and are in the record."""
     config = GAConfig(population=6, generations=2, elites=2, drawn=24)
     seen = []
     found = evolve(problem, config, seed=3, options=OPTIONS, on_generation=seen.append)
@@ -172,6 +172,8 @@ def test_a_wide_first_generation_hands_on_its_best(problem):
     level = FidelityLevel("", problem.scene, OPTIONS.dt, "float32")
     worth = judge_at(level, problem.genome.gaits(problem.scene.gait, drawn), problem, 0).fitness
     np.testing.assert_array_equal(seen[0].evaluated.genes, drawn[np.argsort(-worth, kind="stable")[:6]])
+    assert found.median[0] == np.median(worth)
+    assert found.within[0] == 24
     with pytest.raises(InputError, match="drawn = 4: expected a whole number, at least 6"):
         GAConfig(population=6, elites=2, drawn=4)
     with pytest.raises(InputError, match="parents = 7: expected 1 to 6, the population"):

@@ -114,6 +114,11 @@ def test_the_gain_says_that_a_robot_failed(redrawn):
     assert told == "a robot failed with the start's gait: the polished gait is kept"
 
 
+def test_a_polish_that_changes_nothing_goes_neither_up_nor_down(redrawn):
+    same = scored(redrawn[0][:1], 1.0)
+    assert _gain(same, same, 1.0) == "fitness unchanged: the gait is kept as it was"
+
+
 def test_excess_is_the_share_beyond_each_bound():
     """Of rate, force and power, summed up; without bounds there is none."""
     none = np.zeros((2, 3))
@@ -142,6 +147,10 @@ def test_means_over_robots_say_spread_and_error_apart():
     robots = {"mean": 0.6, "standard_deviation": 0.1, "standard_error": 0.01}
     assert mean_of_robots(robots, "m") == "0.60 ± 0.02 m (standard deviation 0.1)"
     assert mean_of_robots({**robots, "standard_error": None}, "") == "0.600 (error not known) (standard deviation 0.1)"
+    lost = {**robots, "standard_error": None, "failed": 2}
+    assert mean_of_robots(lost, "m") == "0.600 m (error not known) (standard deviation 0.1; 2 robots failed)"
+    assert mean_of_robots({**lost, "standard_deviation": 0.0, "failed": 1}, "m") == "0.600 m (1 robot failed)"
+    assert mean_of_robots({**lost, "mean": np.nan, "standard_deviation": np.nan}, "m") == "not known (2 robots failed)"
 
 
 @pytest.mark.parametrize(
@@ -152,6 +161,8 @@ def test_means_over_robots_say_spread_and_error_apart():
         (2.4181, 0.18, ".1g", None, "2.4 ± 0.2"),
         (0.815, 0.0019, ".1g", 3, "0.815 ± 0.002"),
         (3.3896, 11.0, ".2g", None, "3 ± 11"),
+        (3.3896, 11.0, ".1g", None, "3 ± 10"),
+        (2718.28, 314.0, ".1g", None, "2718 ± 300"),
         (0.13, 0.0996, ".2g", 2, "0.13 ± 0.1"),
         (1.2e-17, 3e-18, ".1g", None, "1.20e-17 ± 3e-18"),
         (0.004, 1e-6, ".1g", None, "0.004000 ± 1e-06"),

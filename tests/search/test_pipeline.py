@@ -42,6 +42,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.orbits import find_orbit, stability
+from jaxgrity.report.measuring import actuators
 from jaxgrity.search import OBJECTIVES, Progress, find_objective, judge_at, load_states, without_measuring
 from jaxgrity.search.attraction import orbit_multipliers
 from jaxgrity.search.fidelity import excess_at
@@ -374,3 +375,14 @@ def test_a_bound_on_force_that_binds_is_kept(exact, config):
     exceeds = excess_at(tight.levels[1], tight.promoted.genes[:1], tight.problem, bound)[0] > 0
     assert tight.promoted.within_bounds == (not exceeds)
     assert tight.verdict.beyond > 0 or tight.promoted.within_bounds
+
+
+def test_the_report_says_by_how_much_a_gait_exceeds_its_bounds(swimmer):
+    """By its peaks in the report's own rollout, and the rate that follows from the gait alone."""
+    how = swimmer, SolverOptions("rk4", dt=1e-2), 2.0
+    asked = actuators(*how, ActuatorBounds())
+    assert asked["excess"] == 0
+    bounds = ActuatorBounds(force=0.8 * asked["peak_force"], power=2 * asked["peak_power"])
+    assert actuators(*how, bounds)["excess"] == pytest.approx(0.25)
+    # amplitude, pi and frequency, of struts of 1 m
+    assert actuators(*how, ActuatorBounds(rate=0.1 * np.pi))["excess"] == pytest.approx(2)

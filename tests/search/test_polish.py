@@ -213,6 +213,27 @@ def test_a_polished_gait_whose_orbit_repels_is_not_kept(swimmer, monkeypatch):
     assert found.reason == f"up by 0.1; but {said}: the gait is kept as it was"
 
 
+@pytest.mark.parametrize(
+    ("excess", "said"),
+    [
+        ([0.0, 0.1], "it is beyond a bound on actuators"),
+        ([0.1, 0.2], "it is further beyond a bound on actuators"),
+        ([0.2, 0.1], None),
+    ],
+)
+def test_polish_leads_no_further_beyond_a_bound(swimmer, monkeypatch, excess, said):
+    """From a start within it, or beyond it; what is nearer to it is kept."""
+    monkeypatch.setattr(promotion, "excess_at", lambda *_: np.array(excess))
+    problem, level = SearchProblem(swimmer, Genome(2), 4.0, Fitness()), FidelityLevel("", swimmer, 1e-2, "float64")
+    start, worth = np.zeros(2), scored(np.zeros((1, 1)), 0.0)
+    promoted = promotion.Promoted(start[None], worth, None, excess[0] == 0, None)
+    better = Polished(start + 0.5, problem.genome, True, worth, worth, (), 4.0, None, 8, f"up by 0.1: {KEPT}")
+    found = promotion.kept_or_undone(problem, ActuatorBounds(force=1.0), (level,) * 3, promoted, start, better)
+    assert found.improved is (said is None)
+    if said:
+        assert found.reason == f"up by 0.1; but {said}: the gait is kept as it was"
+
+
 class Rolling(NamedTuple):
     """A gait that lasts, as the problem of its steady speed, its genes, and options."""
 

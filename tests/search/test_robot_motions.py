@@ -88,7 +88,7 @@ def test_all_may_fail(exact, monkeypatch):
     monkeypatch.setattr(module, "ensembles_rolled_out", arcs([0.1, 0.1], [2, 1]))
     scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
     facts = jaxgrity.search.robot_motions(scene, FRICTION, robots=2, duration=24.0).summary()
-    assert (facts["speed"], facts["bend"], facts["bend_quartiles"]) == (0.0, None, [None, None])
+    assert (facts["speed"], facts["bend"], facts["bend_quartiles"], facts["failed"]) == (0.0, None, [None, None], 2)
 
 
 def test_robots_differ_by_what_is_uncertain(swimmer):
