@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxgrity.core.display import counted_robots, mean_of_robots, significant, with_error
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
@@ -74,13 +75,21 @@ def steady_facts(
         "multiplier_error_bar": bars.multiplier,
         "multipliers": None if held is None else np.abs(held.multipliers).tolist(),
         "cycle": None if cycle is None else cycle.summary() | {"error_bars": bars.cycle},
-        "repetition": repetition(scene, orbit, options=options)._asdict() if orbit.verified_for else None,
+        "repetition": _repetition(scene, orbit, options) if orbit.verified_for else None,
         "spread": None if held is None else held.spread,
         "returned": None if held is None else held.returned,
         "other_contact_model": robots.other.summary(),
         "robust": _with_mean(robots),
         "along_heading": None if heading is None else _along(heading, orbit, robots),
     }
+
+
+def _repetition(scene: Scene, orbit: Orbit, options: SolverOptions) -> Facts | None:
+    """None where positions do not decide the symmetries, as of a robot in a plane."""
+    try:
+        return repetition(scene, orbit, options=options)._asdict()
+    except InputError:
+        return None
 
 
 class _Robots(NamedTuple):
