@@ -145,7 +145,8 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     slowest, since = steady["slowest_window"], steady["settled_after"]
     lengths = steady["body_lengths_per_second"]
     multiplier = with_error(steady["multiplier"], steady["multiplier_error_bar"])
-    turning = with_error(*(float(np.degrees(steady[name])) for name in ("turning", "turning_error_bar")), " °/s")
+    turned, off = (float(np.degrees(steady[name])) for name in ("turning", "turning_error_bar"))
+    turning = with_error(turned, off, " °/s")
     slow = f"; slowest {steady.get('window', WINDOW):.3g} s after that: "
     slow = "" if slowest is None else f"{slow}{significant(slowest)} m/s"
     neutral = "translation and yaw" if steady.get("yaw_excluded", True) else "translation"
