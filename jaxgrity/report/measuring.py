@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
@@ -54,7 +55,11 @@ def directions(best: Scene, options: SolverOptions, duration: float) -> list[dic
     """The directions of the gait's images under the robot's symmetry from the same pose, verified one by one."""
     gait = best.gait
     assert gait is not None, "a search finds a gait"
-    images = [image(gait, symmetry) for symmetry in standing_symmetries(best) if maps_members(gait, symmetry)]
+    try:
+        turned = standing_symmetries(best)
+    except InputError:  # positions do not decide them, as of a robot in a plane
+        turned = ()
+    images = [image(gait, symmetry) for symmetry in turned if maps_members(gait, symmetry)] or [gait]
     found = []
     for each in images:
         verified = verify(best, as_population(each), duration, options=options)

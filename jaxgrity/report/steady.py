@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxgrity.core.display import counted_robots, mean_of_robots, significant, with_error
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
@@ -74,13 +75,21 @@ def steady_facts(
         "multiplier_error_bar": bars.multiplier,
         "multipliers": None if held is None else np.abs(held.multipliers).tolist(),
         "cycle": None if cycle is None else cycle.summary() | {"error_bars": bars.cycle},
-        "repetition": repetition(scene, orbit, options=options)._asdict() if orbit.verified_for else None,
+        "repetition": _repetition(scene, orbit, options) if orbit.verified_for else None,
         "spread": None if held is None else held.spread,
         "returned": None if held is None else held.returned,
         "other_contact_model": robots.other.summary(),
         "robust": _with_mean(robots),
         "along_heading": None if heading is None else _along(heading, orbit, robots),
     }
+
+
+def _repetition(scene: Scene, orbit: Orbit, options: SolverOptions) -> Facts | None:
+    """None where positions do not decide the symmetries, as of a robot in a plane."""
+    try:
+        return repetition(scene, orbit, options=options)._asdict()
+    except InputError:
+        return None
 
 
 class _Robots(NamedTuple):
@@ -136,7 +145,8 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     slowest, since = steady["slowest_window"], steady["settled_after"]
     lengths = steady["body_lengths_per_second"]
     multiplier = with_error(steady["multiplier"], steady["multiplier_error_bar"])
-    turning = with_error(*(float(np.degrees(steady[name])) for name in ("turning", "turning_error_bar")), " °/s")
+    turned, off = (float(np.degrees(steady[name])) for name in ("turning", "turning_error_bar"))
+    turning = with_error(turned, off, " °/s")
     slow = f"; slowest {steady.get('window', WINDOW):.3g} s after that: "
     slow = "" if slowest is None else f"{slow}{significant(slowest)} m/s"
     neutral = "translation and yaw" if steady.get("yaw_excluded", True) else "translation"

@@ -42,7 +42,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.orbits import find_orbit, stability
-from jaxgrity.report.measuring import actuators
+from jaxgrity.report.measuring import actuators, directions
 from jaxgrity.search import OBJECTIVES, Progress, find_objective, judge_at, load_states, without_measuring
 from jaxgrity.search.attraction import orbit_multipliers
 from jaxgrity.search.fidelity import excess_at
@@ -386,3 +386,12 @@ def test_the_report_says_by_how_much_a_gait_exceeds_its_bounds(swimmer):
     assert actuators(*how, bounds)["excess"] == pytest.approx(0.25)
     # amplitude, pi and frequency, of struts of 1 m
     assert actuators(*how, ActuatorBounds(rate=0.1 * np.pi))["excess"] == pytest.approx(2)
+
+
+def test_a_robot_in_a_plane_has_its_own_direction_alone(swimmer):
+    """Its positions do not decide its symmetries, which the report of a search does without."""
+    options = SolverOptions("rk4", dt=1e-2)
+    (found,) = directions(swimmer, options, 2.0)
+    path = centre_path(swimmer, simulate(swimmer, 2.0, options=options))
+    assert found["distance"] == pytest.approx(abs(path[-1, 0] - path[0, 0]), abs=1e-9)
+    assert abs(np.sin(found["heading"])) < 1e-9
