@@ -23,7 +23,7 @@ from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiff
 from jaxgrity.statics.stiffness import (
     factor_if_definite,
     free_coordinates,
-    independent_coordinates,
+    coordinate_map,
     tangent_of,
     with_spring_struts,
 )
@@ -95,7 +95,7 @@ def resting_shape(
     for name, given in (("start", q), ("loads", pull)):
         check_each(name, given, shape=np.shape(scene.structure.nodes))
     check_each("tolerance", tolerance, shape=(), above=0.0, unit="N")
-    whole, free = independent_coordinates(scene.structure)
+    whole, free = coordinate_map(scene.structure)
     limit = max(1e-11 * largest_force(scene.structure), 100 * np.finfo(float).eps * largest_force(springs.structure))
     limit = limit if tolerance is None else tolerance
 

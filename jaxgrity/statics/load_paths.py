@@ -14,7 +14,7 @@ from jaxgrity.model.springs import largest_force, smallest_stiffness
 from jaxgrity.statics.stiffness import (
     Tangent,
     factor_if_definite,
-    independent_coordinates,
+    coordinate_map,
     tangent_of,
     with_spring_struts,
 )
@@ -53,7 +53,7 @@ class LoadPath:
     def __init__(self, scene: Scene, first: NodeVectors, loads: NodeVectors, factor: float = 0.0):
         springs = with_spring_struts(scene)
         self._tangent = tangent_of(springs)
-        whole, self._free = independent_coordinates(scene.structure)
+        whole, self._free = coordinate_map(scene.structure)
         self._place = whole[:, self._free]
         self._pull = self._place.T @ np.asarray(loads, float).ravel()
         rounding = 100 * np.finfo(float).eps * largest_force(springs.structure)

@@ -142,7 +142,7 @@ def free_coordinates(nodes: int, fixed: Fixed | None) -> np.ndarray:
     return np.flatnonzero(~np.asarray(fixed, bool).ravel())
 
 
-def independent_coordinates(structure: Structure) -> tuple[sp.csc_array, np.ndarray]:
+def coordinate_map(structure: Structure) -> tuple[sp.csc_array, np.ndarray]:
     """The map from the coordinates of independent nodes to all coordinates, and which of these no support holds."""
     nodes, bodies = len(structure.nodes), structure.bodies
     place = sp.eye_array(nodes, format="csc")
