@@ -21,9 +21,9 @@ from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness, smallest_stiffness
 from jaxgrity.statics.stiffness import (
+    coordinate_map,
     factor_if_definite,
     free_coordinates,
-    coordinate_map,
     tangent_of,
     with_spring_struts,
 )

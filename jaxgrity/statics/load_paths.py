@@ -13,8 +13,8 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import largest_force, smallest_stiffness
 from jaxgrity.statics.stiffness import (
     Tangent,
-    factor_if_definite,
     coordinate_map,
+    factor_if_definite,
     tangent_of,
     with_spring_struts,
 )
