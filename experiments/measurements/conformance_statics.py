@@ -1,12 +1,14 @@
 """Shapes, stresses, vibrations, loads and least masses that are known in closed form or from other programs."""
 
+import dataclasses
 import json
 from collections.abc import Iterator
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import fsolve, minimize_scalar
 
 from jaxgrity import Members, Scene, Structure, load_scene
 from jaxgrity.formats import read_ntrt
@@ -48,7 +50,7 @@ def statics_cases(quick: bool) -> Iterator[Case]:
     """All of them."""
     return chain(
         *(prisms(quick), icosahedra(), tower(), reference_scene(), ntrt()),
-        *(arches(), cantilever(), half_t_bar(), deployed_tower(), least_masses()),
+        *(arches(), kresling(), dome(), cantilever(), half_t_bar(), deployed_tower(), least_masses()),
     )
 
 
@@ -193,6 +195,81 @@ def arches() -> Iterator[Case]:
             event.factor,
             "N",
         )
+
+
+def kresling(n: int = 3, height: float = 0.6, turn: float = 0.8) -> Iterator[Case]:
+    """A prism of struts with both diagonals of each side, as in Kresling's folds: pressed down, it turns and snaps.
+
+    By symmetry its state is height, turn and radius of the upper polygon. At each height two equations give the other
+    two, and the load; its first maximum is where the prism snaps through.
+    """
+    K, side, step = np.array([1e3, 1e3, 1e4]), 2 * np.sin(np.pi / n), 2 * np.pi / n
+    angles = np.array([0.0, step])
+
+    def lengths(z: float, turn: float, radius: float) -> np.ndarray:
+        return np.r_[np.sqrt(z**2 + 1 + radius**2 - 2 * radius * np.cos(turn + angles)), side * radius]
+
+    rest = lengths(height, turn, 1.0)
+
+    def slopes(at: np.ndarray, z: float) -> list[float]:
+        """Derivatives of the energy of a side by turn and radius, and the load on the prism, N."""
+        length = lengths(z, *at)
+        force, q = K * (length - rest), (K * (1 - rest / length))[:2]
+        by_radius = q @ (at[1] - np.cos(at[0] + angles)) + force[2] * side
+        return [at[1] * q @ np.sin(at[0] + angles), by_radius, -n * z * q.sum()]
+
+    def load(z: float) -> float:
+        at = fsolve(lambda at: slopes(at, z)[:2], (turn, 1.0), xtol=1e-13)
+        return slopes(at, z)[2]
+
+    most = load(minimize_scalar(lambda z: -load(z), (height / 4, height / 2, height)).x)
+    each = np.arange(n)
+    nodes = np.array(
+        [[np.cos(a), np.sin(a), z] for z, first in ((0.0, 0.0), (height, turn)) for a in first + step * each]
+    )
+    struts = np.concatenate([np.stack(pair, 1) for pair in ((each, n + each), (each, n + (each + 1) % n))])
+    struts = np.r_[struts, np.stack([n + each, n + (each + 1) % n], 1)].tolist()
+    built = Structure(nodes, np.ones(2 * n), springs(struts, np.repeat(K, n), np.repeat(rest, n)))
+    held = dataclasses.replace(built, fixed=tuple((k, "xyz") for k in range(n)))
+    down = LoadCase("down", tuple(range(n, 2 * n)), np.tile([0, 0, -1.0 / n], (n, 1)))
+    event = load_report(Scene(held), down, most=1e3).path[-1]
+    name = "prism with both diagonals of each side (Kresling's fold), load at which it snaps through"
+    yield Case(name, CLOSED, most, event.factor, "N")
+
+
+def dome(n: int = 8) -> Iterator[Case]:
+    """Geiger's cable dome: its ridges, diagonals, hoops and posts carry one stress, joint by joint from the middle."""
+    r, top, bottom = np.array([0.0, 4, 8, 12]), np.array([3.0, 2.6, 1.6, 0]), np.array([1.0, 0.8, -0.6])
+    around, each = 2 * np.pi * np.arange(n) / n, np.arange(n)
+    # one node in the middle above and one below, n on each ring
+    upper = [0 * each, *(1 + each + k * n for k in range(3))]
+    lower = [0 * each + 3 * n + 1, *(3 * n + 2 + each + k * n for k in range(2))]
+    nodes = np.zeros((5 * n + 2, 3))
+    for numbers, heights in ((upper, top), (lower, bottom)):
+        for ring, radius, z in zip(numbers, r, heights):
+            nodes[ring] = np.stack([radius * np.cos(around), radius * np.sin(around), z + 0 * around], 1)
+
+    step, in_hoop = np.diff(r), 2 * (1 - np.cos(2 * np.pi / n))
+    ridge, diagonal = [1.0], [(top[0] - top[1]) / (top[1] - bottom[0])]
+    post, hoop = [n * (top[1] - top[0]) / (top[0] - bottom[0])], []
+    for k in (1, 2):
+        ridge.append((ridge[-1] + diagonal[-1]) * step[k - 1] / step[k])
+        up = ridge[k] * (top[k + 1] - top[k]) + ridge[k - 1] * (top[k - 1] - top[k])
+        post.append((up + diagonal[k - 1] * (bottom[k - 1] - top[k])) / (top[k] - bottom[k]))
+        diagonal.append(post[k] * (bottom[k] - top[k]) / (top[k + 1] - bottom[k]))
+        hoop.append(diagonal[k] * step[k] / (r[k] * in_hoop))
+    pairs = [*pairwise(upper), *zip(lower, upper[1:]), *zip(lower[1:], upper[1:])]
+    pairs += [(ring, np.roll(ring, -1)) for ring in lower[1:]]
+    edges = np.concatenate([np.stack(pair, 1) for pair in pairs])
+    edges = ((3 * n + 1, 0), *map(tuple, edges.tolist()))
+    theirs = np.r_[post[0], np.repeat([*ridge, *diagonal, *post[1:], *hoop], n)]
+    fixed = np.zeros((len(nodes), 3), bool)
+    fixed[upper[-1]] = True
+    found = statics_of(nodes, edges, fixed).self_stress
+    yield Case("cable dome (Geiger), states of self-stress", CLOSED, 1, found.shape[1])
+    ours = found[:, 0] * (theirs[0] / found[0, 0])
+    worst = int(np.abs(ours - theirs).argmax())
+    yield Case("cable dome (Geiger), the force density that differs most", CLOSED, theirs[worst], ours[worst])
 
 
 def truss(bays: int = 4, bay: float = 1.0, height: float = 0.8) -> Structure:

@@ -6,6 +6,7 @@ from .mjcf_plan import mjcf_controls
 from .mjcf_reading import read_mjcf
 from .mjcf_writing import MuJoCoModel, mujoco_model, save_mjcf
 from .ntrt import read_ntrt
+from .ntrt_writing import save_ntrt
 from .spreadsheets import read_tables, save_tables
 from .trajectories import load_trajectory, save_trajectory
 from .urdf import save_urdf
@@ -26,6 +27,7 @@ __all__ = [
     "save_matlab",
     "save_mesh",
     "save_mjcf",
+    "save_ntrt",
     "save_tables",
     "save_trajectory",
     "save_urdf",

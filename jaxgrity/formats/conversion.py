@@ -12,6 +12,7 @@ from jaxgrity.formats.meshes import save_mesh
 from jaxgrity.formats.mjcf_reading import read_mjcf
 from jaxgrity.formats.mjcf_writing import save_mjcf
 from jaxgrity.formats.ntrt import read_ntrt
+from jaxgrity.formats.ntrt_writing import save_ntrt
 from jaxgrity.formats.spreadsheets import read_tables, save_tables
 from jaxgrity.formats.urdf import save_urdf
 from jaxgrity.io.scene_files import load_scene, scene_names
@@ -25,7 +26,7 @@ class Format(NamedTuple):
     name: str
     endings: tuple[str, ...]
     read: Callable[[Path], Imported] | None
-    write: Callable[[Scene, Path], tuple[str, ...]] | None
+    write: Callable[[Scene, Path], tuple[str, ...]]
     """returns sentences on what the file does not hold"""
 
 
@@ -44,7 +45,7 @@ def _write_mjcf(scene: Scene, path: Path) -> tuple[str, ...]:
 
 FORMATS = (
     Format("scene file (TOML)", (".toml",), _read_scene, _write_scene),
-    Format("NTRT structure (YAML)", (".yaml", ".yml"), read_ntrt, None),
+    Format("NTRT structure (YAML)", (".yaml", ".yml"), read_ntrt, save_ntrt),
     Format("MuJoCo model (MJCF)", (".xml", ".mjcf"), read_mjcf, _write_mjcf),
     Format("MATLAB file", (".mat",), read_matlab, save_matlab),
     Format("tables (CSV)", (".csv",), read_tables, save_tables),
@@ -74,10 +75,7 @@ def write_any(scene: Scene, path: str | Path) -> tuple[str, ...]:
 
     Raises `InputError` where the ending is unknown, or the scene has what that kind of file cannot hold.
     """
-    found = find_format(path)
-    if found.write is None:
-        raise InputError(f"{path}: a {found.name} is not written; expected {_endings(lambda each: each.write)}")
-    return found.write(scene, Path(path))
+    return find_format(path).write(scene, Path(path))
 
 
 def find_format(path: str | Path) -> Format:

@@ -68,7 +68,7 @@ def read_builder(tags: str, given: dict[str, Any], parameters: dict[str, Any]) -
                 raise InputError(f"{place} = {short(value)}: expected true or false")
             found[name] = TRUTH[str(value).lower()]
         elif name in found:
-            check = {"stiffness": positive, "rotation": finite}.get(name, not_negative)
+            check = {"stiffness": positive, "rotation": finite, "pretension": finite}.get(name, not_negative)
             found[name] = check(value, place)
         elif name not in UNUSED:
             raise InputError(f"{place} is unknown; expected one of {', '.join(found)}")

@@ -2,12 +2,13 @@
 
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.arguments import check_each
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import Edges, PerMember, as_float
+from jaxgrity.core.types import AnyArray, Edges, PerMember, as_float
 from jaxgrity.model.structure import Members, per_member
 
 
@@ -49,6 +50,8 @@ def sized_members(
     area: Any = None,
 ) -> Members:
     """Members of a material and a cross-section: K = E A/L, m = density A L, yield force, and E I for Euler's load.
+
+    Sizes may be traced by JAX, so that all of this has derivatives by them.
 
     Args:
         edges: the nodes at both ends of each member.
@@ -98,7 +101,7 @@ def material_of(material: Material | str) -> Material:
     return MATERIALS[material]
 
 
-def _section(count: int, diameter: Any, wall: Any, area: Any) -> tuple[np.ndarray, np.ndarray]:
+def _section(count: int, diameter: Any, wall: Any, area: Any) -> tuple[AnyArray, AnyArray]:
     """Area, m^2, and second moment of area, m^4, of each member."""
     if area is not None:
         if diameter is not None or wall is not None:
@@ -108,17 +111,21 @@ def _section(count: int, diameter: Any, wall: Any, area: Any) -> tuple[np.ndarra
     if diameter is None:
         raise InputError("diameter: missing; expected the diameter of each member (m), or its area (m^2)")
     outer = _each("diameter", diameter, count)
-    inner = np.zeros(count)
+    inner: AnyArray = np.zeros(count)
     if wall is not None:
         inner = outer - 2 * _each("wall", wall, count)
-        if np.any(inner < 0):
+        if isinstance(inner, np.ndarray) and np.any(inner < 0):
             k = int(np.argmin(inner))
             raise InputError(f"wall: {(outer - inner)[k] / 2:g} m at member {k}; expected at most half of the diameter")
     return np.pi / 4 * (outer**2 - inner**2), np.pi / 64 * (outer**4 - inner**4)
 
 
-def _each(name: str, value: Any, count: int) -> np.ndarray:
-    """A positive number for each member."""
-    found = per_member(as_float(value), count, name)
-    check_each(name, found, above=0.0)
+def _each(name: str, value: Any, count: int) -> AnyArray:
+    """A positive number for each member, as far as known."""
+    found = as_float(value)
+    if isinstance(found, np.ndarray):
+        found = per_member(found, count, name)
+    elif not found.ndim:
+        found = jnp.broadcast_to(found, (count,))
+    check_each(name, found, shape=(count,), above=0.0)
     return found

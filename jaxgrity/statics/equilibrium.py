@@ -17,12 +17,16 @@ from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.bodies import carrying, independent_nodes
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness, smallest_stiffness
-from jaxgrity.model.structure import Structure
-from jaxgrity.statics.stiffness import factor_if_definite, free_coordinates, tangent_of, with_spring_struts
+from jaxgrity.statics.stiffness import (
+    coordinate_map,
+    factor_if_definite,
+    free_coordinates,
+    tangent_of,
+    with_spring_struts,
+)
 
 ITERATIONS = 500
 """Most iterations of the solver, after which a shape counts as not found."""
@@ -91,7 +95,7 @@ def resting_shape(
     for name, given in (("start", q), ("loads", pull)):
         check_each(name, given, shape=np.shape(scene.structure.nodes))
     check_each("tolerance", tolerance, shape=(), above=0.0, unit="N")
-    whole, free = _coordinates(scene.structure)
+    whole, free = coordinate_map(scene.structure)
     limit = max(1e-11 * largest_force(scene.structure), 100 * np.finfo(float).eps * largest_force(springs.structure))
     limit = limit if tolerance is None else tolerance
 
@@ -114,14 +118,14 @@ def resting_shape(
 
 
 @typed
-def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
-    """The equilibrium close to `shape`, m, differentiable with respect to everything in the scene.
+def equilibrium_near(scene: Scene, shape: NodeVectors, loads: NodeVectors | None = None) -> NodeVectors:
+    """The equilibrium close to `shape`, m, differentiable with respect to `loads`, N, and everything in the scene.
 
-    A stationary point of U(q, 0) + sum lambda (l - L), with a multiplier for every rigid strut, by Newton's method
-    (optimistix). The derivatives are those of the implicit function theorem: dq/dp = -K^-1 d2U/dq dp without rigid
-    struts. Where rigid motions make K singular, the least squares solution is taken. `shape` comes from `resting_shape`
-    and is held constant; so are supported coordinates. NaN where Newton's method does not converge. K is dense: some
-    hundred nodes at most. float64 is needed.
+    A stationary point of U(q, 0) - sum f·x + sum lambda (l - L), with a multiplier for every rigid strut, by Newton's
+    method (optimistix). The derivatives are those of the implicit function theorem: dq/dp = -K^-1 d2U/dq dp without
+    rigid struts. Where rigid motions make K singular, the least squares solution is taken. `shape` comes from
+    `resting_shape` and is held constant; so are supported coordinates. NaN where Newton's method does not converge. K
+    is dense: some hundred nodes at most. float64 is needed.
     """
     check_no_bodies(scene.structure, "equilibrium_near")
     near = jax.lax.stop_gradient(jnp.asarray(shape))
@@ -132,9 +136,10 @@ def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
     def placed(x):
         return near.ravel().at[free].set(x[: len(free)]).reshape(near.shape)
 
-    def lagrangian(x, scene):
-        q, multiplier = placed(x), x[len(free) :]
-        energy = scene.potential_energy(q, 0.0) / size
+    def lagrangian(x, given):
+        (scene, pull), q, multiplier = given, placed(x), x[len(free) :]
+        work = 0.0 if pull is None else jnp.sum(pull * q)
+        energy = (scene.potential_energy(q, 0.0) - work) / size
         struts = scene.structure.struts
         if struts is None or not struts.rigid:
             return energy
@@ -147,7 +152,7 @@ def equilibrium_near(scene: Scene, shape: NodeVectors) -> NodeVectors:
     solver: optx.Newton = optx.Newton(rtol=1e-9, atol=1e-9, linear_solver=least_squares)
     adjoint = optx.ImplicitAdjoint(linear_solver=least_squares)
     found: optx.Solution = optx.root_find(
-        jax.grad(lagrangian), solver, start, scene, adjoint=adjoint, throw=False, max_steps=50
+        jax.grad(lagrangian), solver, start, (scene, loads), adjoint=adjoint, throw=False, max_steps=50
     )
     return jnp.where(found.result == optx.RESULTS.successful, placed(found.value), jnp.nan)
 
@@ -204,21 +209,6 @@ def _softer(scene: Scene, loads: np.ndarray) -> Scene | None:
     load = float(structure.mass) * float(scene.gravity or 0.0) + float(np.abs(loads).sum())
     size = float(np.linalg.norm(np.ptp(np.asarray(structure.nodes), axis=0)))
     return with_spring_struts(scene, GIVING * load / size) if load else None
-
-
-def _coordinates(structure: Structure) -> tuple[sp.csc_array, np.ndarray]:
-    """The map from the coordinates of independent nodes to all coordinates, and which of these no support holds."""
-    nodes, bodies = len(structure.nodes), structure.bodies
-    place = sp.eye_array(nodes, format="csc")
-    carried: np.ndarray = np.zeros(0, int)
-    if bodies:
-        independent = list(independent_nodes(bodies, nodes))
-        columns = np.zeros((nodes, nodes))
-        columns[:, independent] = np.asarray(carrying(bodies, nodes), float)
-        place = sp.csc_array(columns)
-        carried = np.flatnonzero(~np.isin(np.arange(3 * nodes) // 3, independent))
-    free = np.setdiff1d(free_coordinates(nodes, structure.supported), carried)
-    return sp.kron(place, sp.eye_array(3), format="csc"), free
 
 
 def _descend(

@@ -11,7 +11,13 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import largest_force, smallest_stiffness
-from jaxgrity.statics.stiffness import factor_if_definite, free_coordinates, tangent_of, with_spring_struts
+from jaxgrity.statics.stiffness import (
+    Tangent,
+    coordinate_map,
+    factor_if_definite,
+    tangent_of,
+    with_spring_struts,
+)
 
 FIRST, LONGEST = 0.05, 0.05
 """First step as a share of the whole loads, and the longest one as a share of the structure's size."""
@@ -47,14 +53,15 @@ class LoadPath:
     def __init__(self, scene: Scene, first: NodeVectors, loads: NodeVectors, factor: float = 0.0):
         springs = with_spring_struts(scene)
         self._tangent = tangent_of(springs)
-        self._free = free_coordinates(len(first), scene.structure.supported)
-        self._pull = np.asarray(loads, float).ravel()[self._free]
+        whole, self._free = coordinate_map(scene.structure)
+        self._place = whole[:, self._free]
+        self._pull = self._place.T @ np.asarray(loads, float).ravel()
         rounding = 100 * np.finfo(float).eps * largest_force(springs.structure)
         self._limit = max(1e-10 * largest_force(scene.structure), rounding)
         self._least = RESISTED * smallest_stiffness(springs.structure)
         q = np.asarray(first, float)
         self.size = float(np.linalg.norm(np.ptp(q, axis=0)))
-        K = self._tangent(q).stiffness()[self._free][:, self._free]
+        K = self._stiffness(self._tangent(q))
         if not self._resists(K):
             raise InputError(
                 "the structure does not resist every motion; expected supports (structure.fixed) that hold it, and "
@@ -112,12 +119,12 @@ class LoadPath:
         direction = ahead / np.linalg.norm(ahead) if normal is None else normal
         last, moved = np.inf, np.zeros(len(ahead))
         q, factor = here.q.copy(), here.factor + ahead[-1] / self.scale
-        q.ravel()[self._free] += ahead[:-1]
+        q += (self._place @ ahead[:-1]).reshape(q.shape)
         for iteration in range(ITERATIONS):
             tangent = self._tangent(q)
-            force = factor * self._pull - tangent.gradient.ravel()[self._free]
+            force = factor * self._pull - self._place.T @ tangent.gradient.ravel()
             left = float(np.abs(force).max())
-            K = tangent.stiffness()[self._free][:, self._free]
+            K = self._stiffness(tangent)
             solve = self._bordered(K, direction)
             if solve is None or not np.isfinite(left) or np.linalg.norm(moved) > within:
                 return None
@@ -127,10 +134,13 @@ class LoadPath:
                 return PathPoint(q, float(factor), stable, along / np.linalg.norm(along), iteration)
             last, change = left, solve(np.r_[force, 0.0])
             moved = moved + change
-            q = q.copy()
-            q.ravel()[self._free] += change[:-1]
+            q = q + (self._place @ change[:-1]).reshape(q.shape)
             factor += change[-1] / self.scale
         return None
+
+    def _stiffness(self, tangent: Tangent) -> sp.csc_array:
+        """K of the free coordinates, N/m."""
+        return sp.csc_array(self._place.T @ tangent.stiffness() @ self._place)
 
     def _bordered(self, K: sp.csc_array, direction: np.ndarray) -> Callable | None:
         column = sp.csc_array(-self._pull[:, None] / self.scale)

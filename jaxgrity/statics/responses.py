@@ -15,9 +15,10 @@ from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.springs import check_no_bodies, elastic_tensions
+from jaxgrity.model.springs import elastic_tensions
 from jaxgrity.statics.stiffness import (
     free_coordinates,
+    free_motions,
     stiffness_matrix,
     unresisted_motions,
     with_spring_struts,
@@ -46,7 +47,7 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
     """K u = f about the equilibrium `q`, with the tangent stiffness K = d2U/dq2, prestress included.
 
     Args:
-        scene: the members and supports; slack cables do not resist.
+        scene: the members, rigid bodies and supports; slack cables do not resist.
         q: an equilibrium, m, as from `resting_shape`.
         loads: (nodes, 3), N. Where nothing resists rigid motions, they must balance each other.
 
@@ -64,15 +65,15 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
         (12, 3)
     """
     refuse_traced((scene, q, loads), "static_response", "`equilibrium_near` has derivatives of a shape")
-    check_no_bodies(scene.structure, "static_response")
     springs = with_spring_struts(scene)
     q, f = np.asarray(q, float), np.asarray(loads, float)
     if f.shape != q.shape:
         raise InputError(f"loads has shape {f.shape}; expected {q.shape}, a force for each node")
-    free = free_coordinates(len(q), scene.structure.supported)
-    K = stiffness_matrix(springs, q)[free][:, free]
-    rigid = unresisted_motions(springs, q, K)
-    pull = f.ravel()[free]
+    structure, K = scene.structure, stiffness_matrix(springs, q)
+    free = free_coordinates(len(q), structure.supported)
+    place = free_motions(q, structure.supported, structure.bodies)
+    rigid = place[free].T @ unresisted_motions(springs, q, K[free][:, free])
+    K, pull = sp.csc_array(place.T @ K @ place), place.T @ f.ravel()
     if not np.isfinite(f).all() or not pull.any():
         raise InputError("loads: expected finite numbers, and a load on a coordinate that no support holds")
     if np.abs(rigid.T @ pull).max(initial=0) > BALANCE * np.linalg.norm(pull):
@@ -81,29 +82,31 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
     bordered = sp.csc_matrix(sp.block_array([[K, size * rigid], [size * rigid.T, None]]) if rigid.size else K)
     loose = "loads: nothing resists them, since the structure has a loose mechanism; expected prestress"
     try:
-        u = spla.splu(bordered).solve(np.r_[pull, np.zeros(rigid.shape[1])])[: len(free)]
+        u = spla.splu(bordered).solve(np.r_[pull, np.zeros(rigid.shape[1])])[: len(pull)]
     except RuntimeError as error:  # exactly singular
         raise InputError(loose) from error
     if not np.linalg.norm(K @ u - pull) <= 1e-6 * np.linalg.norm(pull):
         raise InputError(loose)
-    displacement = np.zeros(q.shape)
-    displacement.ravel()[free] = u
-    first, (tension, change) = springs.structure.first_cable, _both(springs, q, displacement)
-    slackening = (np.arange(len(tension)) >= first) & (tension > 0) & (change < 0)
+    displacement = (place @ u).reshape(q.shape)
+    tension, change = _both(scene, q, displacement)
+    slackening = (np.arange(len(tension)) >= structure.first_cable) & (tension > 0) & (change < 0)
     margin = float((tension[slackening] / -change[slackening]).min(initial=np.inf))
-    return StaticResponse(displacement, change, float(pull @ u / (pull @ pull)), margin)
+    return StaticResponse(displacement, change, float(pull @ u / np.sum(f.ravel()[free] ** 2)), margin)
 
 
 def tensions_at(scene: Scene, q: NodeVectors) -> np.ndarray:
     """The members' tensions at `q` and t = 0, N, struts first, from all of U; rigid struts as stiff springs."""
-    return _both(with_spring_struts(scene), np.asarray(q, float), np.zeros(np.shape(q)))[0]
+    return _both(scene, np.asarray(q, float), np.zeros(np.shape(q)))[0]
 
 
 def _both(scene: Scene, q: np.ndarray, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The members' tensions at `q` and t = 0, N, struts first, and their first-order change."""
+    springs, first = with_spring_struts(scene), scene.structure.first_cable
     with jax.enable_x64(True):
-        by_kind = _along(scene, jnp.asarray(q), jnp.asarray(displacement))
-    tension, change = (np.concatenate([found[kind] for kind in scene.structure.kinds]) for found in by_kind)
+        by_kind = _along(springs, jnp.asarray(q), jnp.asarray(displacement))
+    every = (np.concatenate([found[kind] for kind in springs.structure.kinds]) for found in by_kind)
+    # after the struts come springs that stand for rigid bodies
+    tension, change = (np.r_[each[:first], each[springs.structure.first_cable :]] for each in every)
     return tension, change
 
 

@@ -17,7 +17,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors
-from jaxgrity.model.bodies import Bodies
+from jaxgrity.model.bodies import Bodies, carrying, independent_nodes
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.springs import as_springs
@@ -140,6 +140,21 @@ def free_coordinates(nodes: int, fixed: Fixed | None) -> np.ndarray:
     if np.shape(fixed) != (nodes, 3):
         raise InputError(f"fixed has shape {np.shape(fixed)}; expected ({nodes}, 3), whether each coordinate is held")
     return np.flatnonzero(~np.asarray(fixed, bool).ravel())
+
+
+def coordinate_map(structure: Structure) -> tuple[sp.csc_array, np.ndarray]:
+    """The map from the coordinates of independent nodes to all coordinates, and which of these no support holds."""
+    nodes, bodies = len(structure.nodes), structure.bodies
+    place = sp.eye_array(nodes, format="csc")
+    carried: np.ndarray = np.zeros(0, int)
+    if bodies:
+        independent = list(independent_nodes(bodies, nodes))
+        columns = np.zeros((nodes, nodes))
+        columns[:, independent] = np.asarray(carrying(bodies, nodes), float)
+        place = sp.csc_array(columns)
+        carried = np.flatnonzero(~np.isin(np.arange(3 * nodes) // 3, independent))
+    free = np.setdiff1d(free_coordinates(nodes, structure.supported), carried)
+    return sp.kron(place, sp.eye_array(3), format="csc"), free
 
 
 def rigid_motions(q: NodeVectors, fixed: Fixed | None = None) -> np.ndarray:

@@ -260,7 +260,8 @@ def test_motions_with_units(reference, tmp_path):
 def test_every_kind_of_file_by_its_ending(tmp_path):
     """What can be both written and read comes back; the rest is refused with the endings that can."""
     scene = parse_scene(PRISM.replace("mass = [0.1, 0.2, 0.3]\n", "").replace("5, 0]", "5, 6]"))
-    both = [each.endings[0] for each in FORMATS if each.read and each.write]
+    # NTRT's hold rods without supports alone: see test_ntrt_writing.py
+    both = [each.endings[0] for each in FORMATS if each.read and ".yaml" not in each.endings]
     assert set(both) >= {".toml", ".mat", ".csv", ".xml"}
     for ending in both:
         write_any(scene, tmp_path / f"robot{ending}")
@@ -270,8 +271,6 @@ def test_every_kind_of_file_by_its_ending(tmp_path):
         assert_alike(weighed, scene.structure, 1e-9)
     with pytest.raises(InputError, match=r"robot.glb: a mesh is not read; expected .toml, .yaml"):
         read_any(tmp_path / "robot.glb")
-    with pytest.raises(InputError, match=r"robot.yaml: a NTRT structure \(YAML\) is not written; expected .toml, .xml"):
-        write_any(scene, tmp_path / "robot.yaml")
     with pytest.raises(InputError, match=r"robot.txt: unknown ending; expected .toml"):
         read_any(tmp_path / "robot.txt")
 

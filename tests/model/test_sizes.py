@@ -1,5 +1,6 @@
 """Members by material and cross-section, against the formulas of a first course."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -51,3 +52,14 @@ def test_an_area_is_that_of_a_round_bar():
 def test_impossible_sizes_are_refused(material, section, words):
     with pytest.raises(InputError, match=words):
         sized_members(EDGES, LENGTHS, material, **section)
+
+
+def test_sizes_have_derivatives():
+    """Of tubes: A = pi (d - w) w, so dK/dd = E pi w/L and dK/dw = E pi (d - 2 w)/L; of one number for all, the sum."""
+
+    def stiffness(d, w):
+        return sized_members(((0, 1), (1, 2)), np.array([0.5, 2.0]), Material(70e9), diameter=d, wall=w).stiffness.sum()
+
+    d, w, per_length = 0.03, 0.002, 70e9 * np.pi * (1 / 0.5 + 1 / 2.0)
+    found = jax.jit(jax.grad(stiffness, (0, 1)))(d, w)
+    np.testing.assert_allclose(found, [per_length * w, per_length * (d - 2 * w)], rtol=1e-12)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import scipy
 
-from jaxgrity import Scene, Structure, parse_scene
-from jaxgrity.model import rigid_body
-from jaxgrity.statics import inspect_structure, member_forces, statics_of
+from jaxgrity import Members, Scene, Structure, parse_scene
+from jaxgrity.model import LoadCase, rigid_body
+from jaxgrity.statics import inspect_structure, load_report, member_forces, resting_shape, static_response, statics_of
 
 SPINE = """
 [structure]
@@ -100,3 +100,72 @@ def test_forces_of_members_alone(spine):
     """Of cables beside bodies: the springs that stand for bodies are not among them."""
     theirs, ours = (member_forces(scene.structure, scene.structure.nodes) for scene in spine)
     np.testing.assert_array_equal(ours, theirs[12:])
+
+
+def test_small_loads_change_the_same_tensions(spine):
+    """Two vertebrae pulled apart along two lines: tensions, their changes, and the margin to slack."""
+    found = []
+    for scene in spine:
+        q = resting_shape(scene).q
+        loads = np.zeros((8, 3))
+        for low, high, size in ((0, 5, 3.0), (2, 7, -1.0)):
+            loads[[low, high]] += size * np.array([[-1], [1]]) * (q[high] - q[low])
+        found.append(static_response(scene, q, loads))
+    theirs, ours = found
+    np.testing.assert_allclose(ours.force_change, theirs.force_change[12:], atol=1e-3 * np.abs(loads).max())
+    assert ours.slack_margin == pytest.approx(theirs.slack_margin, rel=1e-3)
+    assert ours.compliance == pytest.approx(theirs.compliance, rel=1e-3)
+
+
+LENGTH, AWAY, STIFFNESS, TENSION = 1.2, 0.9, 500.0, 60.0
+"""Of a rigid column on a hinge, m; of two level cables from its top, m, N/m and N."""
+
+
+@pytest.fixture(scope="module")
+def column():
+    """Its hinge is along y; no cable ends at a basic point, so that the body carries them."""
+    hinge = [[0, -0.1, 0], [0, 0.1, 0]]
+    nodes = np.array([*hinge, [0.3, 0, 0.5], [-0.2, 0.1, 0.7], [0, 0, LENGTH], [AWAY, 0, LENGTH], [-AWAY, 0, LENGTH]])
+    body = rigid_body(nodes, (0, 1, 2, 3, 4), 2.0, [0.3, 0.3, 0.05], basic=(0, 1, 2, 3))
+    cables = Members(((4, 5), (4, 6)), np.full(2, STIFFNESS), np.full(2, AWAY - TENSION / STIFFNESS))
+    fixed = tuple((node, "xyz") for node in (0, 1, 5, 6))
+    return Scene(Structure(nodes, np.zeros(7), cables=cables, bodies=(body,), fixed=fixed))
+
+
+def test_a_rigid_column_gives_way(column):
+    """Under P = 2 K l: cables give a moment of 2 K l^2 a radian, prestress none, and P takes P l."""
+    report = load_report(column, LoadCase("down", (4,), np.array([[0, 0, -100.0]])), most=20.0)
+    assert [event.what for event in report.path] == ["loses its stability"]
+    assert report.path[0].factor == pytest.approx(2 * STIFFNESS * LENGTH / 100, rel=1e-4)
+    np.testing.assert_allclose(report.reactions.sum(0), [0, 0, 100], atol=1e-6)
+    np.testing.assert_allclose(report.reactions[:2].sum(0), [0, 0, 100], atol=2e-3)  # bodies are stiff springs
+
+
+def test_a_rigid_column_leans(column):
+    """Far, until a cable is slack, as its moments say; at first by F/(2 K)."""
+    push = 200.0
+
+    def moment(angle):
+        top = LENGTH * np.array([np.sin(angle), np.cos(angle)])
+        turn = LENGTH * np.array([np.cos(angle), -np.sin(angle)])
+        total = push * turn[0]
+        for end in (AWAY, -AWAY):
+            d = np.array([end, LENGTH]) - top
+            length = np.linalg.norm(d)
+            total += STIFFNESS * max(length - AWAY + TENSION / STIFFNESS, 0) * (d @ turn) / length
+        return total
+
+    angle = scipy.optimize.brentq(moment, 0, 1)
+    report = load_report(column, LoadCase("aside", (4,), np.array([[push, 0, 0]])))
+    np.testing.assert_allclose(report.shape[4], LENGTH * np.array([np.sin(angle), 0, np.cos(angle)]), atol=1e-5)
+    assert report.slack == (0,)
+    assert report.forces[1] == pytest.approx(push * np.cos(angle) * LENGTH / arm(report.shape), rel=1e-4)
+    small = static_response(column, column.structure.nodes, np.eye(7)[4][:, None] * [push, 0, 0])
+    np.testing.assert_allclose(small.displacement[4], [push / (2 * STIFFNESS), 0, 0], atol=1e-5)
+    np.testing.assert_allclose(small.force_change, [-push / 2, push / 2], rtol=1e-4)
+
+
+def arm(shape):
+    """m, of the second cable's pull about the hinge."""
+    d = shape[6] - shape[4]
+    return abs(np.cross(shape[4], d / np.linalg.norm(d))[1])

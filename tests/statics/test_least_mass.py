@@ -1,11 +1,14 @@
 """Least masses against closed forms, against another program, and against what the members then bear."""
 
 import dataclasses
+import re
+from pathlib import Path
 
 import conformance_statics as known
 import numpy as np
 import pytest
 
+import jaxgrity
 from jaxgrity import InputError, Members, Scene, Structure
 from jaxgrity.model import LoadCase, Material
 from jaxgrity.statics import least_mass, load_report
@@ -120,3 +123,18 @@ def test_impossible_programmes_are_refused(diamond):
     strings = dataclasses.replace(diamond.structure, struts=None)
     with pytest.raises(InputError, match="no forces balance the loads"):
         least_mass(dataclasses.replace(diamond, structure=strings), BARS, STRINGS)
+
+
+def test_sizes_by_gradient_on_the_page():
+    """A bracket that may give way by 1 mm: m = 9 density F/(E limit) and areas in the ratio of the root of 2, both to
+    the share of its size by which it gives way."""
+    page = (Path(__file__).parents[2] / "docs" / "statics.md").read_text(encoding="utf-8")
+    (program,) = (text for text in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "minimize" in text)
+    ran = {"jaxgrity": jaxgrity}
+    exec(program, ran)
+    assert float(ran["spare"](ran["found"].x)) == pytest.approx(0, abs=1e-6)
+    assert ran["found"].fun == pytest.approx(9 * 7850 * 1e3 / (210e9 * 1e-3), rel=2e-3)
+    assert ran["found"].x[0] / ran["found"].x[1] == pytest.approx(np.sqrt(2), rel=2e-3)
+    assert f"{ran['found'].fun:.3f} kg" in program
+    first, second = ran["found"].x
+    assert f"{first:.3f} cm^2 and {second:.3f} cm^2" in program

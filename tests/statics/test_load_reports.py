@@ -1,6 +1,7 @@
 """What loads do to structures: closed forms, other programs, and what is refused."""
 
 import dataclasses
+import itertools
 import json
 import re
 from pathlib import Path
@@ -18,7 +19,9 @@ from jaxgrity.statics import inspect_structure, load_report, member_forces, rest
 from jaxgrity.statics.strength import strength_of
 
 
-@pytest.mark.parametrize("cases", [known.arches, known.cantilever, known.half_t_bar, known.deployed_tower])
+@pytest.mark.parametrize(
+    "cases", [known.arches, known.kresling, known.dome, known.cantilever, known.half_t_bar, known.deployed_tower]
+)
 def test_answers_of_others(cases):
     """Each to 1e-7 of the largest number of its unit."""
     found = list(cases())
@@ -195,3 +198,25 @@ def test_inspect_prints_each_load_case(tmp_path, capsys):
     assert "load cases           middle (motions ignore them)" in describe(load_scene(path))
     (case,) = json.loads((tmp_path / "inspection.json").read_text())["loads"]
     assert f"strut 0 buckles at {case['linear'][0]['factor']:.4g} times the loads" in printed
+
+
+def test_supports_of_a_squeezed_free_robot_bear_nothing():
+    """Held at one loaded node, at the other across the line between them, and at any third against turning about it:
+    every third node gives the same distances, far from rest."""
+    scene = load_scene("reference")
+    x = scene.structure.nodes
+    low, high = max(itertools.combinations(range(12), 2), key=lambda pair: np.linalg.norm(x[pair[0]] - x[pair[1]]))
+    up = (x[high] - x[low]) / np.linalg.norm(x[high] - x[low])
+    across = np.linalg.svd(up[None])[2][1:]
+    turned = (x - x[low]) @ np.stack([*across, up], 1)
+    squeeze = LoadCase("squeeze", (low, high), 40.0 * np.array([[0, 0, 1.0], [0, 0, -1]]))
+    far = np.abs(turned[:, 0]) > 0.1
+    found = []
+    for third in np.flatnonzero(far)[:2].tolist():
+        fixed = ((low, "xyz"), (high, "xy"), (third, "y"))
+        held = Scene(dataclasses.replace(scene.structure, nodes=turned, fixed=fixed))
+        report = load_report(held, squeeze, most=1.0)
+        np.testing.assert_allclose(report.reactions, 0, atol=1e-6)
+        found.append(np.linalg.norm(report.shape[:, None] - report.shape, axis=2))
+    np.testing.assert_allclose(*found, atol=1e-9)
+    assert np.abs(found[0] - np.linalg.norm(x[:, None] - x, axis=2)).max() > 0.01
