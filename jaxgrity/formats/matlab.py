@@ -69,6 +69,7 @@ def beside_the_structure(scene: Scene) -> tuple[str, ...]:
     slides = scene.structure.cables is not None and scene.structure.cables.clusters
     if slides:
         parts["that some cables run through several nodes"] = slides
+        parts["over pulleys"] = scene.structure.cables.pulleys or None
     lost = [name for name, part in parts.items() if part is not None]
     return (f"not written, since such a file holds the structure alone: {', '.join(lost)}",) if lost else ()
 
