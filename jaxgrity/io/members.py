@@ -18,7 +18,7 @@ from jaxgrity.model.clusters import check_clusters
 from jaxgrity.model.force_laws import first_slope, force_limit, force_table
 from jaxgrity.model.laws import Law
 from jaxgrity.model.motors import Motor
-from jaxgrity.model.pulleys import Pulley, Route, built_lengths, check_pulleys
+from jaxgrity.model.pulleys import Pulley, Route, built_lengths, check_pulleys, check_wraps
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, per_member
 from jaxgrity.model.strut_contact import radius_of_struts, strut_contact, touching_like, without_strut_contact
@@ -44,7 +44,7 @@ def build_members(
         strained = f"{kind}.prestrain = {shown(table.prestrain)}"
         raise InputError(f"{strained}: rest_length is given too; expected one of them")
     count = len(edges)
-    way = _way_of(table, edges, kind)
+    way = _way_of(table, edges, nodes, kind)
     if table.rest_length is not None:
         rest = per_member(table.rest_length, count, f"{kind}.rest_length")
     else:
@@ -72,7 +72,7 @@ def build_members(
         raise InputError(f"{kind}: {error}") from error
 
 
-def _way_of(table: StrutsTable | CablesTable, edges: Edges, kind: str) -> Route:
+def _way_of(table: StrutsTable | CablesTable, edges: Edges, nodes: np.ndarray, kind: str) -> Route:
     """Where cables run. Raises `InputError` for clusters and pulleys that are none."""
     if isinstance(table, StrutsTable):
         return Route(edges, (), ())
@@ -81,6 +81,7 @@ def _way_of(table: StrutsTable | CablesTable, edges: Edges, kind: str) -> Route:
         way = Route(edges, tuple(map(tuple, table.clusters)), pulleys)
         check_clusters(way.clusters, edges)
         check_pulleys(way)
+        check_wraps(way, nodes)
     except InputError as error:
         raise InputError(f"{kind}: {error}") from error
     return way

@@ -119,8 +119,8 @@ class CableDamping(DissipationTerm):
 class CapstanFriction(DissipationTerm):
     """R = sum (T_after - T_before) s' over pulleys with friction; dR/dv is taken at fixed tensions.
 
-    s' is the speed with which the cable slides over the drum: half of the rate by which the side after it grows and the
-    side before it shrinks, less the speed of the drum. Euler and Eytelwein's law is smoothed by the slip speed eps,
+    The cable slides over the drum at the speed s'. That is half of the rate by which the side after it grows and the
+    side before it shrinks, less the drum's own. Euler and Eytelwein's law is smoothed by the slip speed eps,
     T_after/T_before = exp(mu angle s'/sqrt(s'^2 + eps^2)). The mean of the tensions at both ends is that of U.
     """
 

@@ -1,8 +1,9 @@
 """Pulleys: cables that wrap around cylinders about the nodes through which they run.
 
-Beside a pulley a cable is a tangent, and on it an arc. Of two circles whose centres are D apart, with the radii r_i and
-r_j and the same sense, the tangent is sqrt(D^2 - (r_i - r_j)^2) long, and leans against the line of centres by
-asin((r_i - r_j)/D); a point is a circle of radius 0. The arc is r times the angle between both tangents.
+A cable is a tangent beside a pulley, and an arc on it. Take two circles with radii r_i and r_j, whose centres are D
+apart, and a cable that turns the same way about both. The tangent is sqrt(D^2 - (r_i - r_j)^2) long. It leans against
+the line of centres by asin((r_i - r_j)/D). A point is a circle of radius 0. The arc is r times the angle between both
+tangents.
 """
 
 from typing import Any, NamedTuple
@@ -37,7 +38,7 @@ class Pulley(eqx.Module):
     """A pulley without mass, over which a cable through several nodes runs: see docs/cables.md.
 
     Its centre is the node between two successive segments of the cable. In this order the cable turns about the axis by
-    the right-hand rule; the opposite axis is the other side. Off the pulley, the cable is straight from neighbour to
+    the right-hand rule. The opposite axis is the other side. A cable off the pulley is straight from neighbour to
     neighbour.
 
     Raises `InputError` if numbers do not fit.
@@ -48,11 +49,11 @@ class Pulley(eqx.Module):
     radius: Scalar = eqx.field(converter=as_float)
     """m"""
     axis: Vector | None = eqx.field(converter=as_float_or_none, default=None)
-    """(3,), direction of the axis, of any length, which stays the same in space; None: along the axle"""
+    """(3,), direction of the axis, fixed in space, of any length; None: along the axle"""
     axle: tuple[int, int] | None = eqx.field(static=True, default=None)
-    """nodes from the first of which to the second the axis points: those of a body that holds the pulley"""
+    """two nodes, of the body that holds the pulley; the axis points from the first to the second"""
     turns: int = eqx.field(static=True, default=0)
-    """whole turns; beside them, the lines to both neighbours make an angle from -1/4 to 3/4 of a turn"""
+    """whole turns, added to the angle between the lines to both neighbours, from -1/4 to 3/4 of a turn"""
     mu: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
     """coefficient of friction on a drum that turns only with its mount; None: no friction"""
     slip_speed: Scalar | None = eqx.field(converter=as_float_or_none, default=None)
