@@ -18,7 +18,7 @@ from jaxgrity.model.clusters import check_clusters
 from jaxgrity.model.force_laws import first_slope, force_limit, force_table
 from jaxgrity.model.laws import Law
 from jaxgrity.model.motors import Motor
-from jaxgrity.model.pulleys import Pulley, Route, built_lengths, check_pulleys, check_wraps
+from jaxgrity.model.pulleys import CableRoute, Pulley, built_lengths, check_pulleys, check_wraps
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, per_member
 from jaxgrity.model.strut_contact import radius_of_struts, strut_contact, touching_like, without_strut_contact
@@ -72,13 +72,13 @@ def build_members(
         raise InputError(f"{kind}: {error}") from error
 
 
-def _way_of(table: StrutsTable | CablesTable, edges: Edges, nodes: np.ndarray, kind: str) -> Route:
+def _way_of(table: StrutsTable | CablesTable, edges: Edges, nodes: np.ndarray, kind: str) -> CableRoute:
     """Where cables run. Raises `InputError` for clusters and pulleys that are none."""
     if isinstance(table, StrutsTable):
-        return Route(edges, (), ())
+        return CableRoute(edges, (), ())
     try:
         pulleys = tuple(Pulley(**msgspec.structs.asdict(pulley)) for pulley in table.pulleys)
-        way = Route(edges, tuple(map(tuple, table.clusters)), pulleys)
+        way = CableRoute(edges, tuple(map(tuple, table.clusters)), pulleys)
         check_clusters(way.clusters, edges)
         check_pulleys(way)
         check_wraps(way, nodes)

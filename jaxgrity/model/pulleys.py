@@ -90,7 +90,7 @@ class Pulley(eqx.Module):
         return a / xp.sqrt((a * a).sum())
 
 
-class Route(NamedTuple):
+class CableRoute(NamedTuple):
     """What of `Members` says where cables run."""
 
     edges: Edges
@@ -99,7 +99,7 @@ class Route(NamedTuple):
 
 
 def path_lengths(members: Any, d: MemberVectors, q: NodeVectors) -> PerMember:
-    """l, m, of each of the members, or of a `Route`, with the vectors `d` between nodes at `q`, m.
+    """l, m, of each of the members, or of a `CableRoute`, with the vectors `d` between nodes at `q`, m.
 
     Beside pulleys, a segment is its tangent and half of each arc. NaN where no cable runs like that: a node is within a
     pulley, or the cable leaves a pulley beside another one.

@@ -29,7 +29,7 @@ from jaxgrity import (
 )
 from jaxgrity.formats import save_mjcf, save_urdf
 from jaxgrity.model import Pulley, rigid_body
-from jaxgrity.model.pulleys import Route, built_lengths
+from jaxgrity.model.pulleys import CableRoute, built_lengths
 from jaxgrity.stepping import resolve
 from jaxgrity.stepping.dynamics import member_tensions, total_force
 
@@ -40,7 +40,7 @@ def over(radius: float, nodes, stretch: float = 0.01, mass=(1.0, 0.5, 2.0), fixe
     """A cable from node 0 over a pulley at node 1 to node 2, of 2/3 kN/m, stretched by so much, m."""
     pulley = Pulley((0, 1), radius, **({"axis": (0.0, 1.0, 0.0)} | more))
     x, edges, clusters = np.array(nodes, float), ((0, 1), (2, 1)), ((0, 1),)
-    rest = built_lengths(Route(edges, clusters, (pulley,)), x) - stretch / 2
+    rest = built_lengths(CableRoute(edges, clusters, (pulley,)), x) - stretch / 2
     cables = Members(edges, [2e3, 1e3], rest, clusters=clusters, pulleys=(pulley,))
     return Scene(Structure(x, np.array(mass, float), None, cables, fixed), gravity)
 
@@ -71,7 +71,7 @@ def force_of(scene: Scene) -> np.ndarray:
 def test_length_of_a_belt_over_two_circles_is_that_by_hand(side, sign):
     big, small, apart = 0.3, 0.1, 1.2
     pulleys = Pulley((0, 1), small, side), Pulley((1, 0), big, (0, 0, 2))
-    belt = Route(((0, 1), (1, 0)), ((0, 1),), pulleys)
+    belt = CableRoute(((0, 1), (1, 0)), ((0, 1),), pulleys)
     found = built_lengths(belt, np.array([[0, 0, 0.7], [apart, 0, 0.7]])).sum()
     lean = math.asin((big + sign * small) / apart)
     arcs = big * (math.pi + 2 * lean) + small * (math.pi + sign * 2 * lean)
@@ -121,7 +121,7 @@ def bracket(mu: float | None = None) -> Scene:
     body = rigid_body(x, (1, 3, 4, 5, 6), 2.0, [0.1, 0.1, 0.1])
     slip = None if mu is None else 0.01
     pulley = Pulley((0, 1), 0.15, axle=(3, 4), mu=mu, slip_speed=slip, drum=None if mu is None else 5)
-    rest = built_lengths(Route(((0, 1), (1, 2)), ((0, 1),), (pulley,)), x) - 0.02
+    rest = built_lengths(CableRoute(((0, 1), (1, 2)), ((0, 1),), (pulley,)), x) - 0.02
     cables = Members(((0, 1), (1, 2)), [2e3, 1e3], rest, [3.0, 2.0], clusters=((0, 1),), pulleys=(pulley,))
     return Scene(Structure(x, np.array([0.5, 0, 0.5, 0, 0, 0, 0]), None, cables, bodies=(body,)))
 
