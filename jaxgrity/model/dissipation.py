@@ -135,7 +135,9 @@ class CapstanFriction(DissipationTerm):
 
     def dissipation(self, motion: Motion) -> Scalar:
         at, cables, lost = motion.at, self.cables, jnp.zeros((), motion.v.dtype)
-        rough = {pulley.between: pulley for pulley in cables.pulleys if pulley.mu is not None}
+        rough = {
+            p.between: (p.mu, p.slip_speed) for p in cables.pulleys if p.mu is not None and p.slip_speed is not None
+        }
         d = at.vector("cables")
         along = jax.grad(lambda d: path_lengths(cables, d, at.q).sum())(d)
         mean = dot(along, jax.grad(at.scene.potential_energy, argnums=2)(at.q, at.t, at.known)["cables"])
@@ -143,8 +145,9 @@ class CapstanFriction(DissipationTerm):
         for cluster in cables.clusters:
             tensions, slides = [jnp.ones_like(lost)], [pair for pair in pairwise(cluster) if pair in speeds]
             for pair in slides:
-                share = speeds[pair] / jnp.sqrt(speeds[pair] ** 2 + rough[pair].slip_speed ** 2)
-                tensions.append(tensions[-1] * jnp.exp(rough[pair].mu * angles[pair] * share))
+                mu, slip_speed = rough[pair]
+                share = speeds[pair] / jnp.sqrt(speeds[pair] ** 2 + slip_speed**2)
+                tensions.append(tensions[-1] * jnp.exp(mu * angles[pair] * share))
             unit = 2 * mean[cluster[0]] / (tensions[0] + tensions[-1])
             for pair, (before, after) in zip(slides, pairwise(tensions)):
                 lost = lost + _at_fixed_force(unit * (after - before), speeds[pair])

@@ -87,6 +87,7 @@ class Pulley(eqx.Module):
         """(3,), unit vector along the axis."""
         xp = namespace_of(q)
         a = self.axis if self.axle is None else q[self.axle[1]] - q[self.axle[0]]
+        assert a is not None, "there is an axis where there is no axle"
         return a / xp.sqrt((a * a).sum())
 
 
@@ -114,7 +115,7 @@ def on_drums(members: Any, d: MemberVectors, q: NodeVectors) -> tuple[dict, dict
     That is half of what the side after the drum has gained, m, and the side before it has lost, up to a constant.
     Arguments are those of `path_lengths`.
     """
-    wraps, slid = _wraps(members, d, q), {}
+    wraps, slid = _wraps(members, d, q), dict[tuple[int, int], Any]()
     along, angles, leans = _paths(members, wraps, length(d))
     for wrap in (wrap for wrap in wraps if wrap.pulley.mu is not None):
         (cluster,) = (each for each in members.clusters if wrap.first in each)
@@ -233,7 +234,8 @@ def _wraps(members: Any, d: MemberVectors, q: NodeVectors) -> list[_Wrap]:
 def _paths(members: Any, wraps: list[_Wrap], straight: PerMember) -> tuple[PerMember, dict, dict]:
     """`path_lengths`; the angle of each arc, rad; and by how much the sum of its tangents' directions leans, rad."""
     xp, ends, starts = namespace_of(straight), {wrap.first: wrap for wrap in wraps}, {wrap.last: wrap for wrap in wraps}
-    along, lean, same, angles, leans = {}, {}, {}, {}, {}
+    along, lean, same = dict[int, Any](), dict[int, Any](), dict[int, Any]()
+    angles, leans = dict[tuple[int, int], Any](), dict[tuple[int, int], Any]()
     for k in {**ends, **starts}:
         left = starts[k].pulley.radius if k in starts else 0.0
         right = ends[k].pulley.radius if k in ends else 0.0
