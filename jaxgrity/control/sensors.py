@@ -17,6 +17,7 @@ from jaxgrity.core.primitives import edge_vectors, inverse, length, scale
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.actuation import contraction
+from jaxgrity.model.pulleys import path_lengths
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.dynamics import centre_of_mass, member_tensions
@@ -30,7 +31,7 @@ class Observation(NamedTuple):
     spins: Float[AnyArray, "struts 3"]
     """rad/s, angular velocity of each strut, none about itself; with complementarity stepping half a step earlier"""
     cable_lengths: Float[AnyArray, " cables"]
-    """m"""
+    """m; beside pulleys with half of each arc"""
     tensions: Float[AnyArray, " cables"]
     """N, by the law of each cable without its damper; 0 where a cable is slack"""
     contact: Float[AnyArray, " nodes"]
@@ -119,7 +120,7 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
         spins = jnp.cross(directions, scale(rate, each))
     cables = scene.structure.cables
     if cables is not None:
-        lengths = length(edge_vectors(q, cables.edges))
+        lengths = path_lengths(cables, edge_vectors(q, cables.edges), q)
         tensions = member_tensions(scene, t, q)["cables"]
     if scene.ground is not None:
         contact = (scene.ground.signed_distance(q) < scene.ground.touched_below * length_scale(scene)).astype(q.dtype)

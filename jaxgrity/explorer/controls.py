@@ -9,8 +9,8 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import waves_ahead
+from jaxgrity.model.pulleys import built_lengths
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.structure import edge_lengths
 
 LARGEST_PHASE = 6.28
 """Largest phase of a slider, rad: 2 pi rounded down to its steps of 0.01."""
@@ -118,13 +118,13 @@ def adjusted(scene: Scene, values: dict[str, float]) -> Scene:
 def _prestrain(scene: Scene) -> float:
     cables = scene.structure.cables
     assert cables is not None, "a structure without cables has no prestress"
-    return float(np.mean(1 - np.asarray(cables.rest_length) / edge_lengths(scene.structure.nodes, cables.edges)))
+    return float(np.mean(1 - np.asarray(cables.rest_length) / built_lengths(cables, scene.structure.nodes)))
 
 
 def _tightened(scene: Scene, strain: float, stiffness: float):
     """The cables with their prestrain and stiffness times these factors."""
     cables = scene.structure.cables
     assert cables is not None, "a structure without cables has none to tighten"
-    built = edge_lengths(scene.structure.nodes, cables.edges)
+    built = built_lengths(cables, scene.structure.nodes)
     rest = built - (built - np.asarray(cables.rest_length)) * strain
     return dataclasses.replace(cables, rest_length=rest, stiffness=np.asarray(cables.stiffness) * stiffness)

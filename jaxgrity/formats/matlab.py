@@ -66,9 +66,10 @@ def beside_the_structure(scene: Scene) -> tuple[str, ...]:
         "motion of supports": scene.shaking,
         "motors": scene.structure.driven or None,
     }
-    slides = scene.structure.cables is not None and scene.structure.cables.clusters
-    if slides:
-        parts["that some cables run through several nodes"] = slides
+    cables = scene.structure.cables
+    if cables is not None and cables.clusters:
+        parts["that some cables run through several nodes"] = cables.clusters
+        parts["over pulleys"] = cables.pulleys or None
     lost = [name for name, part in parts.items() if part is not None]
     return (f"not written, since such a file holds the structure alone: {', '.join(lost)}",) if lost else ()
 

@@ -83,6 +83,9 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
     structure, struts = scene.structure, scene.structure.struts
     if structure.driven:
         raise InputError(f"members {list(structure.driven)} have motors, which MuJoCo models lack; expected a gait")
+    if structure.cables is not None and structure.cables.pulleys:
+        pairs = [list(pulley.between) for pulley in structure.cables.pulleys]
+        raise InputError(f"pulleys between cables {pairs}: their wraps cannot be written; expected clusters without")
     actuated = actuated_members(structure, scene.gait)
     notes: list[str] = []
     mass, radius = np.asarray(structure.node_mass, float), RADIUS * float(length_scale(scene))

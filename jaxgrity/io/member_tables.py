@@ -21,6 +21,19 @@ class MotorTable(Table, kw_only=True):
     smallest: Positive | None = None
 
 
+class PulleyKeys(Table, kw_only=True):
+    """A pulley between two successive cables of a cluster."""
+
+    between: tuple[Number, Number]
+    radius: Positive
+    axis: tuple[float, float, float] | None = None
+    axle: tuple[Number, Number] | None = None
+    turns: Number = 0
+    mu: NotNegative | None = None
+    slip_speed: Positive | None = None
+    drum: Number | None = None
+
+
 class ForceKeys(Table):
     """The force of every cable, by its stretch."""
 
@@ -65,5 +78,6 @@ class StrutsTable(_MembersTable):
 class CablesTable(_MembersTable):
     broken: list[Number] = []
     clusters: list[list[Number]] = []
+    pulleys: list[PulleyKeys] = []
     force: ForceKeys | None = None
     largest_force: Positive | list[Positive] | None = None

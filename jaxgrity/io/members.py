@@ -5,19 +5,22 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
+import jax
 import msgspec
 import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, Edges
 from jaxgrity.io.member_sizes import has_sizes, members_of_sizes
-from jaxgrity.io.member_tables import CablesTable, MotorTable, StrutsTable, TouchingKeys
+from jaxgrity.io.member_tables import CablesTable, MotorTable, PulleyKeys, StrutsTable, TouchingKeys
 from jaxgrity.io.validation import shown
+from jaxgrity.model.clusters import check_clusters
 from jaxgrity.model.force_laws import first_slope, force_limit, force_table
 from jaxgrity.model.laws import Law
 from jaxgrity.model.motors import Motor
+from jaxgrity.model.pulleys import CableRoute, Pulley, built_lengths, check_pulleys, check_wraps
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.structure import Members, edge_lengths, per_member
+from jaxgrity.model.structure import Members, per_member
 from jaxgrity.model.strut_contact import radius_of_struts, strut_contact, touching_like, without_strut_contact
 
 
@@ -41,11 +44,12 @@ def build_members(
         strained = f"{kind}.prestrain = {shown(table.prestrain)}"
         raise InputError(f"{strained}: rest_length is given too; expected one of them")
     count = len(edges)
+    way = _way_of(table, edges, nodes, kind)
     if table.rest_length is not None:
         rest = per_member(table.rest_length, count, f"{kind}.rest_length")
     else:
         prestrain = per_member(_or_zero(table.prestrain), count, f"{kind}.prestrain")
-        rest = (1 - prestrain) * edge_lengths(nodes, edges)
+        rest = (1 - prestrain) * built_lengths(way, nodes)
     damping = per_member(_or_zero(table.damping), count, f"{kind}.damping")
     known = members_of_sizes(table, edges, rest, kind) if has_sizes(table) else _given_members(table, edges, rest, kind)
     stiffness = known.stiffness
@@ -60,11 +64,27 @@ def build_members(
             damping=damping if damping.any() else None,
             stuck=stuck,
             mass=mass if mass.any() else None,
-            clusters=() if isinstance(table, StrutsTable) else tuple(map(tuple, table.clusters)),
+            clusters=way.clusters,
+            pulleys=way.pulleys,
             motors=tuple(Motor(**msgspec.structs.asdict(motor)) for motor in table.motors),
         )
     except InputError as error:
         raise InputError(f"{kind}: {error}") from error
+
+
+def _way_of(table: StrutsTable | CablesTable, edges: Edges, nodes: np.ndarray, kind: str) -> CableRoute:
+    """Where cables run. Raises `InputError` for clusters and pulleys that are none."""
+    if isinstance(table, StrutsTable):
+        return CableRoute(edges, (), ())
+    try:
+        pulleys = tuple(Pulley(**msgspec.structs.asdict(pulley)) for pulley in table.pulleys)
+        way = CableRoute(edges, tuple(map(tuple, table.clusters)), pulleys)
+        check_clusters(way.clusters, edges)
+        check_pulleys(way)
+        check_wraps(way, nodes)
+    except InputError as error:
+        raise InputError(f"{kind}: {error}") from error
+    return way
 
 
 def _given_members(table: StrutsTable | CablesTable, edges: Edges, rest: np.ndarray, kind: str) -> Members:
@@ -171,7 +191,8 @@ def members_table(members: Members | None, table: Callable, kind: str, forces: d
             given[name] = one_or_all(value)
     if members.clusters:
         given["clusters"] = [list(cluster) for cluster in members.clusters]
-    given["motors"] = [_motor(motor) for motor in members.motors]
+        given["pulleys"] = [PulleyKeys(**_keys(pulley)) for pulley in members.pulleys]
+    given["motors"] = [MotorTable(**_keys(motor)) for motor in members.motors]
     given |= forces or {}
     if "force" in given:
         first = first_slope(given["force"].stretch, given["force"].force)
@@ -181,10 +202,10 @@ def members_table(members: Members | None, table: Callable, kind: str, forces: d
     return table(**given)
 
 
-def _motor(motor: Motor) -> MotorTable:
-    return MotorTable(
-        **{k: x if x is None or k == "member" else np.asarray(x).tolist() for k, x in vars(motor).items()}
-    )
+def _keys(part: Motor | Pulley) -> dict[str, Any]:
+    """The fields of a part, its numbers as in files."""
+    arrays = (np.ndarray, jax.Array)
+    return {name: np.asarray(x).tolist() if isinstance(x, arrays) else x for name, x in vars(part).items()}
 
 
 def one_or_all(values: AnyArray) -> float | list[float]:

@@ -133,15 +133,16 @@ def _structure(file: SceneFile, robot: RobotGeometry, ground: Ground | None) -> 
     table, nodes, own = file.structure, robot.nodes, bodies_tables(robot.bodies, robot.nodes)
     # the basic points follow from joints and supports, as those of the file's own bodies
     bodies = [*(msgspec.structs.replace(body, basic=[]) for body in own), *file.bodies]
+    # on ground with obstacles the plane is one of its parts, and the ground's own incline is 0
+    posed = _posed(robot, table, ground, file.ground.incline if file.ground else 0.0)
+    over = file.cables is not None and file.cables.pulleys  # axes are those of the robot in its pose
     parts = {
         "struts": build_members(file.struts, robot.struts, nodes, "struts"),
-        "cables": build_members(file.cables, robot.cables, nodes, "cables"),
+        "cables": build_members(file.cables, robot.cables, posed if over else nodes, "cables"),
     }
     massive = bool(bodies) or any(m is not None and m.mass is not None for m in parts.values())
     mass = _node_mass(table, len(nodes), massive)
     fixed = tuple((each, "xyz") if isinstance(each, int) else (each.node, each.axes) for each in table.fixed)
-    # on ground with obstacles the plane is one of its parts, and the ground's own incline is 0
-    posed = _posed(robot, table, ground, file.ground.incline if file.ground else 0.0)
     made = build_bodies(bodies, nodes, fixed)
     found = Structure(posed, mass, parts["struts"], parts["cables"], fixed=fixed, bodies=made)
     if table.prestress is None:

@@ -6,6 +6,7 @@ from .friction import Friction
 from .ground import Ground
 from .inertia import energy_of_motion, mass_matrix, mobility, momenta
 from .load_cases import LoadCase
+from .pulleys import Pulley
 from .scene import body_length
 from .sizes import MATERIALS, Material, sized_members
 from .strut_contact import with_contact_between_struts
@@ -23,6 +24,7 @@ __all__ = [
     "Ground",
     "LoadCase",
     "Material",
+    "Pulley",
     "Surface",
     "TravellingWave",
     "body_length",

@@ -1,14 +1,18 @@
-"""The terms of R(v; q, t), Rayleigh's dissipation function, of nodes and members.
+"""The terms of R(v; q, t), Rayleigh's dissipation function, of nodes and members, and friction on pulleys.
 
 Every dissipative force is `-jax.grad` of the sum of R's terms with respect to v.
 """
 
+from functools import partial
+from itertools import pairwise
 from typing import ClassVar
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 
-from jaxgrity.core.primitives import dot, half_squares, inner, length, norm_squared, over
-from jaxgrity.core.types import AnyPerNode, MemberVectors, PerMember, Scalar
+from jaxgrity.core.primitives import dot, half_squares, inner, norm_squared
+from jaxgrity.core.types import AnyPerNode, Scalar
 from jaxgrity.model.actuation import Actuation, rest_length
 from jaxgrity.model.clusters import added_up, in_series, to_segments
 from jaxgrity.model.laws import (
@@ -21,6 +25,7 @@ from jaxgrity.model.laws import (
     unchanged,
     unchanged_per_node,
 )
+from jaxgrity.model.pulleys import on_drums, path_lengths
 from jaxgrity.model.structure import Members
 
 
@@ -58,8 +63,7 @@ class StrutDamping(DissipationTerm):
         return None if struts is None or struts.damping is None else cls(struts)
 
     def dissipation(self, motion: Motion) -> Scalar:
-        rate, _ = _rate_of_length(motion, "struts")
-        return half_squares(self.struts.damping, rate)
+        return half_squares(self.struts.damping, motion.rate_of_length("struts"))
 
     def keeps(self, symmetry):
         return unchanged(self.struts.damping, moved_members(self.struts, 0, symmetry))
@@ -94,7 +98,7 @@ class CableDamping(DissipationTerm):
     def dissipation(self, motion: Motion) -> Scalar:
         damping, taut_above = self.cables.damping, rest_length(self.cables, self.gait, motion.at.t, self.first)
         assert damping is not None, "`of` makes no law for cables without dampers"
-        rate, lengths = _rate_of_length(motion, "cables")
+        rate, lengths = motion.rate_of_length("cables"), motion.at.length("cables")
         clusters = self.cables.clusters
         if not clusters:
             return half_squares(damping * (lengths > taut_above).astype(rate.dtype), rate)
@@ -112,8 +116,58 @@ class CableDamping(DissipationTerm):
         return eqx.tree_at(lambda s: s.cables.damping, self, self.cables.damping * each)
 
 
-def _rate_of_length(motion: Motion, kind: str) -> tuple[PerMember, PerMember]:
-    """l' = d·d'/|d|, m/s, and l = |d|, m."""
-    d: MemberVectors = motion.at.vector(kind)
-    lengths = length(d)
-    return over(dot(d, motion.rate(kind)), lengths), lengths
+class CapstanFriction(DissipationTerm):
+    """R = sum (T_after - T_before) s' over pulleys with friction; dR/dv is taken at fixed tensions.
+
+    The cable slides over the drum at the speed s'. That is half of the rate by which the side after it grows and the
+    side before it shrinks, less the drum's own. Euler and Eytelwein's law is smoothed by the slip speed eps,
+    T_after/T_before = exp(mu angle s'/sqrt(s'^2 + eps^2)). The mean of the tensions at both ends is that of U.
+    """
+
+    cables: Members
+    name: ClassVar[str] = "friction on pulleys"
+    cause: ClassVar[str] = "pulleys"
+
+    @classmethod
+    def of(cls, scene: SceneParts) -> "CapstanFriction | None":
+        cables = scene.structure.cables
+        return cls(cables) if cables is not None and any(p.mu is not None for p in cables.pulleys) else None
+
+    def dissipation(self, motion: Motion) -> Scalar:
+        at, cables, lost = motion.at, self.cables, jnp.zeros((), motion.v.dtype)
+        rough = {
+            p.between: (p.mu, p.slip_speed) for p in cables.pulleys if p.mu is not None and p.slip_speed is not None
+        }
+        d = at.vector("cables")
+        along = jax.grad(lambda d: path_lengths(cables, d, at.q).sum())(d)
+        mean = dot(along, jax.grad(at.scene.potential_energy, argnums=2)(at.q, at.t, at.known)["cables"])
+        (angles, _), (_, speeds) = jax.jvp(partial(on_drums, cables), (d, at.q), (motion.rate("cables"), motion.v))
+        for cluster in cables.clusters:
+            tensions, slides = [jnp.ones_like(lost)], [pair for pair in pairwise(cluster) if pair in speeds]
+            for pair in slides:
+                mu, slip_speed = rough[pair]
+                share = speeds[pair] / jnp.sqrt(speeds[pair] ** 2 + slip_speed**2)
+                tensions.append(tensions[-1] * jnp.exp(mu * angles[pair] * share))
+            unit = 2 * mean[cluster[0]] / (tensions[0] + tensions[-1])
+            for pair, (before, after) in zip(slides, pairwise(tensions)):
+                lost = lost + _at_fixed_force(unit * (after - before), speeds[pair])
+        return lost
+
+    def keeps(self, symmetry):
+        return symmetry.nodes == tuple(range(len(symmetry.nodes)))  # of sides no rule knows
+
+
+@jax.custom_jvp
+def _at_fixed_force(force: Scalar, speed: Scalar) -> Scalar:
+    """Their product. Its derivative is that at a fixed force; derivatives of that have the force's."""
+    return force * speed
+
+
+@_at_fixed_force.defjvp
+def _at_fixed_force_jvp(primals, tangents):
+    (force, speed), (_, change) = primals, tangents
+    return _at_fixed_force(force, speed), force * change
+
+
+LOSSES = NodeDamping, StrutDamping, CableDamping, CapstanFriction
+"""The terms of R that follow from a scene's structure."""

@@ -67,7 +67,7 @@ class CableSprings(EnergyTerm):
 
     def energy(self, at: Configuration) -> Scalar:
         cables = self.cables
-        longer = length(at.vector("cables")) - rest_length(cables, self.gait, at.t, self.first)
+        longer = at.length("cables") - rest_length(cables, self.gait, at.t, self.first)
         stretch = positive_part(added_up(longer, cables.clusters))
         assert cables.stiffness is not None, "cables are springs"
         return half_squares(in_series(cables.stiffness, cables.clusters), stretch)
@@ -114,4 +114,5 @@ def _springs_alike(members: Members, first: int, symmetry: Symmetry) -> bool:
     """Whether a symmetry maps springs on springs of the same stiffness and rest length, stuck ones on stuck ones."""
     moved = moved_members(members, first, symmetry)
     alike = all(unchanged(x, moved) for x in (members.stiffness, members.rest_length) if x is not None)
-    return alike and same_roles(members, moved)
+    same = not members.pulleys or symmetry.nodes == tuple(range(len(symmetry.nodes)))  # of sides no rule knows
+    return alike and same and same_roles(members, moved)

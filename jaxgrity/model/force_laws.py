@@ -21,8 +21,9 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, AnyRows, Scalar, as_float, as_float_or_none
 from jaxgrity.model.clusters import added_up, cables_of, in_series
 from jaxgrity.model.laws import Configuration, EnergyTerm, member_names
+from jaxgrity.model.pulleys import built_lengths
 from jaxgrity.model.scene import Scene, with_gait
-from jaxgrity.model.structure import Members, edge_lengths, per_member
+from jaxgrity.model.structure import Members, per_member
 
 
 class ForceTable(EnergyTerm):
@@ -153,7 +154,7 @@ def check_linear(scene: Scene, farther: float, what: str) -> None:
         return term.energy(there.configuration(nodes, 0.0))
 
     with evaluated():
-        built = edge_lengths(nodes, cables.edges)
+        built = built_lengths(cables, scene.structure.nodes)
         tight = jnp.asarray(built - farther * (built - np.asarray(cables.rest_length)))
         for term in terms:
             if bool(jnp.any(jax.grad(added)(tight, term) != 0)):

@@ -6,9 +6,11 @@ that act; forces, the energy audit, `describe`, symmetries and the report on sta
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
+import jax
 import numpy as np
 import scipy.sparse as sp
 
@@ -18,6 +20,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, VectorsByKind
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.clusters import added_up, cables_of, nodes_along
+from jaxgrity.model.pulleys import path_lengths
 from jaxgrity.model.structure import Members, Structure
 
 SAME = 1e-9
@@ -71,8 +74,8 @@ class Configuration(NamedTuple):
         return self.known[kind] if kind in self.known else edge_vectors(self.q, _members(self.scene, kind).edges)
 
     def length(self, kind: str) -> PerMember:
-        """l, m, of each of the "struts" or "cables"."""
-        return length(self.vector(kind))
+        """l, m, of each of the "struts" or "cables", over pulleys too."""
+        return path_lengths(_members(self.scene, kind), self.vector(kind), self.q)
 
     def stretch(self, kind: str) -> PerMember:
         """l - L(t), m, of each of the "struts" or "cables"; a cable is slack where it is negative.
@@ -101,8 +104,10 @@ class Motion(NamedTuple):
         return self.known[kind] if kind in self.known else edge_vectors(self.v, _members(self.at.scene, kind).edges)
 
     def rate_of_length(self, kind: str) -> PerMember:
-        """l' = d·d'/|d|, m/s, of each of the "struts" or "cables"."""
-        d = self.at.vector(kind)
+        """l' = d·d'/|d|, m/s, of each of the "struts" or "cables"; over pulleys that of `Configuration.length`."""
+        members, d = _members(self.at.scene, kind), self.at.vector(kind)
+        if members.pulleys:
+            return jax.jvp(partial(path_lengths, members), (d, self.at.q), (self.rate(kind), self.v))[1]
         return over(dot(d, self.rate(kind)), length(d))
 
 

@@ -25,7 +25,7 @@ from jaxgrity.core.types import (
     namespace_of,
 )
 from jaxgrity.model.actuation import Gait, check_fit, check_robot
-from jaxgrity.model.dissipation import CableDamping, NodeDamping, StrutDamping
+from jaxgrity.model.dissipation import LOSSES
 from jaxgrity.model.energy import CableSprings, Gravity, StrutSprings
 from jaxgrity.model.friction import ConeFriction, CoulombCone, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import ContactDissipation, ExactContact, Ground, PenaltyContact
@@ -38,7 +38,7 @@ from jaxgrity.model.shaking import SupportMotion
 from jaxgrity.model.structure import Structure, member_vectors
 from jaxgrity.model.strut_pairs import ExactStrutContact
 
-LAWS_OF_STRUCTURES = (StrutSprings, *RIGID, CableSprings, NodeDamping, StrutDamping, CableDamping, Gravity)
+LAWS_OF_STRUCTURES = (StrutSprings, *RIGID, CableSprings, *LOSSES, Gravity)
 """Laws that follow from a scene's structure. Ground and friction add their own laws."""
 KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipation)
 KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)

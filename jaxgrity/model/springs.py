@@ -8,12 +8,13 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inverse, length
-from jaxgrity.core.types import NodeVectors, PerMember, Scalar
+from jaxgrity.core.types import NodeVectors, PerMember, Scalar, VectorsByKind
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.bodies import body_pairs
 from jaxgrity.model.clusters import pull
+from jaxgrity.model.pulleys import built_lengths
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.structure import Members, Structure, edge_lengths, member_vectors
+from jaxgrity.model.structure import Members, Structure, member_vectors
 
 STIFF = 1e5
 """Stiffness of the springs that replace rigid struts, as a multiple of the cables' stiffness."""
@@ -51,7 +52,15 @@ def elastic_tensions(scene: Scene, t: Scalar, q: NodeVectors) -> dict[str, PerMe
     """The tension of each member, N, by kind, from all of U at time t, s: gait, motors, tables, limits, own terms."""
     vectors = member_vectors(q, scene.structure.kinds)
     pulls = jax.grad(scene.potential_energy, argnums=2)(q, t, vectors)
-    return {kind: dot(pulls[kind], d) * inverse(length(d)) for kind, d in vectors.items()}
+    return along_members(scene.structure, pulls, vectors)
+
+
+def along_members(structure: Structure, pulls: VectorsByKind, vectors: VectorsByKind) -> dict[str, PerMember]:
+    """The tension of each member, N, that pulls its ends, N. A cable beside a pulley leans against its d."""
+    found = {kind: dot(pulls[kind], d) * inverse(length(d)) for kind, d in vectors.items()}
+    if structure.cables is not None and structure.cables.pulleys:
+        found["cables"] = jnp.sign(found["cables"]) * length(pulls["cables"])
+    return found
 
 
 def spring_forces(members: Members, q: NodeVectors) -> np.ndarray:
@@ -60,7 +69,7 @@ def spring_forces(members: Members, q: NodeVectors) -> np.ndarray:
     L(0) has what motors wound before t = 0. `elastic_tensions` knows all of U, and costs a compiled program.
     """
     with jax.enable_x64(True):
-        longer = edge_lengths(q, members.edges) - np.asarray(rest_length(members, None, 0.0, 0), float)
+        longer = built_lengths(members, q) - np.asarray(rest_length(members, None, 0.0, 0), float)
         return np.asarray(pull(np.asarray(members.stiffness, float), longer, members.clusters))
 
 

@@ -26,6 +26,7 @@ from jaxgrity.core.types import (
 from jaxgrity.model.bodies import Bodies, check_bodies, lumped, shared_evenly
 from jaxgrity.model.clusters import Clusters, check_clusters
 from jaxgrity.model.motors import Motor
+from jaxgrity.model.pulleys import Pulley, check_pulleys, check_wraps
 
 
 class Members(eqx.Module):
@@ -50,6 +51,8 @@ class Members(eqx.Module):
     """cables that slide through several nodes: for each, the numbers (from 0) of its segments in order"""
     motors: tuple[Motor, ...] = ()
     """motors that wind members"""
+    pulleys: tuple[Pulley, ...] = ()
+    """pulleys over which cables in clusters run"""
     yield_force: PerMember | None = eqx.field(converter=as_float_or_none, default=None)
     """force at which each member yields, N, for margins in statics; None: no limit"""
     bending_stiffness: PerMember | None = eqx.field(converter=as_float_or_none, default=None)
@@ -109,6 +112,7 @@ class Structure(eqx.Module):
         if self.struts is not None and self.struts.clusters:
             raise InputError("structure.struts: struts cannot slide through nodes; expected clusters of cables only")
         _check_supports(self.fixed, shape[0])
+        check_wraps(self.cables, self.nodes)
         check_bodies(self.bodies, shape[0], [node for node, _ in self.fixed])
         _check_masses(self)
 
@@ -176,8 +180,8 @@ class Structure(eqx.Module):
 
     @property
     def damped(self) -> "dict[str, Members]":
-        """Kinds of members with dampers."""
-        return {name: members for name, members in self.kinds.items() if members.damping is not None}
+        """Kinds of members with dampers, or friction on pulleys."""
+        return {name: members for name, members in self.kinds.items() if members.damping is not None or members.pulleys}
 
     @property
     def member_count(self) -> int:
@@ -207,6 +211,7 @@ class Structure(eqx.Module):
 
 def _check_clusters_and_motors(members: Members) -> None:
     check_clusters(members.clusters, members.edges)
+    check_pulleys(members)
     sliding = [k for cluster in members.clusters for k in cluster]
     if sliding and isinstance(members.mass, np.ndarray) and np.any(members.mass[sliding]):
         raise InputError("members.mass: a sliding cable moves its mass along; expected 0 for cables in clusters")

@@ -12,11 +12,12 @@ from jaxtyping import Float
 from jaxgrity.core import draws
 from jaxgrity.core.arguments import check_count, check_each, check_number, check_unit_vector
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.primitives import edge_vectors, length
+from jaxgrity.core.primitives import edge_vectors
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, as_float_or_none, namespace_of
 from jaxgrity.model.actuation import Gait, waves_ahead
 from jaxgrity.model.force_laws import check_linear
+from jaxgrity.model.pulleys import path_lengths
 from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scene import Scene
 
@@ -265,8 +266,8 @@ def _uniform(
 
 def _slackened(scene: Scene, share: AnyArray) -> AnyArray:
     """(robots, cables), the factors of rest lengths that raise tensions in the built shape by a share (robots, 1)."""
-    cables = _cables(scene)
-    built = length(edge_vectors(jnp.asarray(scene.structure.nodes, share.dtype), cables.edges))
+    cables, nodes = _cables(scene), jnp.asarray(scene.structure.nodes, share.dtype)
+    built = path_lengths(cables, edge_vectors(nodes, cables.edges), nodes)
     return 1 - share * (built / cables.rest_length - 1)
 
 

@@ -10,8 +10,8 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 from jaxgrity.core.display import significant
 from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait, contraction, rest_lengths_along
+from jaxgrity.model.pulleys import built_lengths
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.structure import edge_lengths
 from jaxgrity.populations.forces import forces_along
 from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report.poses import on_ground
@@ -125,7 +125,7 @@ def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")
     first = 0
     for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):
-        lengths = np.array([edge_lengths(x, members.edges) for x in q])
+        lengths = np.array([built_lengths(members, x) for x in q])
         rest = np.asarray(rest_lengths_along(members, scene.gait, with_room(times, q.shape[1]), first))[: len(times)]
         many, dashed = len(members.edges) > 8, ""
         for k, edge in enumerate(members.edges):

@@ -8,11 +8,12 @@ from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.friction import SwitchFriction
 from jaxgrity.model.laws import EnergyTerm
+from jaxgrity.model.pulleys import built_lengths
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
 from jaxgrity.model.springs import as_springs, spring_forces
-from jaxgrity.model.structure import Members, Structure, edge_lengths
+from jaxgrity.model.structure import Members, Structure
 from jaxgrity.model.strut_contact import strut_contact
 from jaxgrity.statics.equilibrium import resting_shape
 from jaxgrity.statics.vibrations import frequency_range
@@ -97,7 +98,7 @@ def _describe_members(structure: Structure) -> list[tuple[str, str]]:
             continue
         parts = [
             f"{len(members.edges)}",
-            f"length {_span(edge_lengths(structure.nodes, members.edges), 'm')}",
+            f"length {_span(built_lengths(members, structure.nodes), 'm')}",
             f"rest length {_span(members.rest_length, 'm')}",
             "rigid" if members.stiffness is None else f"stiffness {_span(members.stiffness, 'N/m')}",
         ]
@@ -109,6 +110,7 @@ def _describe_members(structure: Structure) -> list[tuple[str, str]]:
         motors = [motor.member for motor in members.motors]
         clusters = [list(cluster) for cluster in members.clusters]
         which = {"broken": broken, "stuck": members.stuck, "as one cable each": clusters, "with a motor": motors}
+        which["over a pulley between"] = [list(pulley.between) for pulley in members.pulleys]
         parts += [f"{words} {list(numbers)}" for words, numbers in which.items() if numbers]
         lines.append((name, ", ".join(parts)))
     return lines

@@ -6,13 +6,13 @@ F_laws is the sum of `Scene.force_laws`, which have no potential: the Coulomb sw
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import dot, inverse, length, store_cotangent
+from jaxgrity.core.primitives import store_cotangent
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors, PerMember, PerNode, Scalar, State, VectorsByKind
 from jaxgrity.model import inertia
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import support_acceleration, with_supports
-from jaxgrity.model.springs import elastic_tensions
+from jaxgrity.model.springs import along_members, elastic_tensions
 from jaxgrity.model.structure import Members, member_vectors, onto_nodes
 
 
@@ -89,7 +89,7 @@ def member_tensions(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors | No
     if v is None:
         return elastic_tensions(scene, t, q)
     pull, vectors = member_pull(scene, t, q, v), member_vectors(q, scene.structure.kinds)
-    return {kind: dot(pull[kind], d) * inverse(length(d)) for kind, d in vectors.items()}
+    return along_members(scene.structure, pull, vectors)
 
 
 def _gradients(

@@ -52,7 +52,10 @@ def powers(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, pulled: Node
         outside = outside + reaction
         if scene.shaking is not None:
             _book(found, "supports", -inner(jnp.ones_like(v[:, 0]), dot(v, reaction)))
-    return found | {"impulse": outside.sum(0), "moment": jnp.cross(q, outside).sum(0)}
+    turning = outside
+    if scene.structure.cables is not None and scene.structure.cables.pulleys:  # whose mounts hold cables beside nodes
+        turning = turning + smooth_force(scene, t, q, v, normal_force) - outside_force(scene, t, q, v, normal_force)
+    return found | {"impulse": outside.sum(0), "moment": jnp.cross(q, turning).sum(0)}
 
 
 def step_work(scene: Scene, step: Step) -> Work:

@@ -145,7 +145,8 @@ def _neighbours(scene: Scene) -> sp.csr_array:
     pairs = [(node, node) for node in range(len(structure.nodes))] + list(all_edges(structure))
     for members in filter(None, (structure.struts, structure.cables)):
         for cluster in members.clusters:
-            along = sorted({node for k in cluster for node in members.edges[k]})
+            axles = [pulley.axle for pulley in members.pulleys if pulley.axle and pulley.between[0] in cluster]
+            along = sorted({node for edge in (*(members.edges[k] for k in cluster), *axles) for node in edge})
             pairs += [(i, j) for i in along for j in along if i < j]
     i, j = np.array(pairs).T
     size = len(structure.nodes)

@@ -14,9 +14,9 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm, named_parts
+from jaxgrity.model.pulleys import built_lengths
 from jaxgrity.model.scales import length_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
-from jaxgrity.model.structure import edge_lengths
 from jaxgrity.stepping.leading_modes import leading_modes, surely_stable
 from jaxgrity.stepping.linearised import GROWTH, WIDEST, Linearised, growth, largest_step, linearise
 from jaxgrity.stepping.methods import Method, find_method
@@ -131,7 +131,7 @@ def all_taut(scene: Scene) -> Scene:
     scene, cables = with_gait(scene, None), scene.structure.cables
     if cables is None:
         return scene
-    taut = np.minimum(rest_length(cables, None, 0.0, 0), (1 - 1e-9) * edge_lengths(scene.structure.nodes, cables.edges))
+    taut = np.minimum(rest_length(cables, None, 0.0, 0), (1 - 1e-9) * built_lengths(cables, scene.structure.nodes))
     return eqx.tree_at(lambda s: s.structure.cables, scene, dataclasses.replace(cables, rest_length=taut, motors=()))
 
 

@@ -40,6 +40,7 @@ from jaxgrity import (
 from jaxgrity.model import (
     Friction,
     Ground,
+    Pulley,
     rigid_body,
     standing_symmetries,
     symmetries,
@@ -83,7 +84,10 @@ def scenes(reference, exact):
     payload = rigid_body(exact.structure.nodes, (0, 1, 4, 5, 8), 2.0, [0.1, 0.1, 0.1])
     loaded = eqx.tree_at(lambda s: s.structure.bodies, exact, (payload,))
     touching = with_contact_between_struts(with_contact_along_struts(reference, 2), 0.01)
-    return reference, exact, switch, pushed, laced, touching, with_contact_between_struts(loaded, 0.01)
+    pulley = Pulley((0, 16), 0.01, (0.0, 0.0, 1.0), mu=0.3, slip_speed=0.01)
+    over = dataclasses.replace(reference.structure.cables, clusters=((0, 16),), pulleys=(pulley,))
+    rough = eqx.tree_at(lambda s: s.structure.cables, reference, over)
+    return reference, exact, switch, pushed, laced, touching, rough, with_contact_between_struts(loaded, 0.01)
 
 
 def test_every_law_of_the_library_is_known():
