@@ -1,6 +1,5 @@
 """Obstacles: discs on the ground, a robot's distance from them, and ways round them to a goal."""
 
-import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,8 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.height_fields import HeightField
+from jaxgrity.model.rigidity import lines_between_points
+from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.solids import Box, Cylinder, Sphere
@@ -99,22 +100,24 @@ def gap(discs: Discs, scene: Scene, q: np.ndarray) -> np.ndarray:
     """(...,), m, between a robot at `q` (..., nodes, 3) and the nearest disc, seen from above; negative: a touch.
 
     The robot is all its struts and cables, as straight lines, lines between all points of a rigid body, and its balls.
-    A disc between its members counts by its distance from those: nothing gets there without a touch.
+    A strut that touches the ground between its ends has the radius with which it does. A disc between the robot's
+    members counts by its distance from those: nothing gets there without a touch.
     """
     if not len(discs.radii):
         return np.full(q.shape[:-2], np.inf)
     structure, balls = scene.structure, None if scene.ground is None else scene.ground.balls
     edges = [edge for kind in (structure.struts, structure.cables) if kind is not None for edge in kind.edges]
-    edges += [pair for body in structure.bodies for pair in itertools.combinations(body.points, 2)]
+    edges += lines_between_points(structure.bodies)
     if not edges:
         raise InputError("the robot has neither members nor bodies; expected some, to be kept from discs")
-    i, j = np.array(edges).T
+    (i, j), thick, along_struts = np.array(edges).T, np.zeros(len(edges)), radii_along_struts(scene)
+    thick[list(along_struts)] = list(along_struts.values())
     a, along = q[..., i, :2], q[..., j, :2] - q[..., i, :2]
     least = np.full(q.shape[:-2], np.inf)
     for centre, radius in zip(discs.centres, discs.radii):
         share = ((centre - a) * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
         near = a + np.clip(share, 0, 1)[..., None] * along
-        least = np.minimum(least, np.linalg.norm(near - centre, axis=-1).min(-1) - radius)
+        least = np.minimum(least, (np.linalg.norm(near - centre, axis=-1) - thick).min(-1) - radius)
         if balls is not None:
             away = np.linalg.norm(q[..., list(balls.nodes), :2] - centre, axis=-1) - np.asarray(balls.radius)
             least = np.minimum(least, away.min(-1) - radius)

@@ -22,7 +22,7 @@ from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, as_dtype, start_of, with_gait
 from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, last_axes, over_lanes, step_axes
-from jaxgrity.populations.metrics import actuator_tension
+from jaxgrity.populations.metrics import actuator_tension, check_told_apart
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
@@ -132,8 +132,8 @@ def plant_of(
         The plant, for `simulate_policy`.
 
     Raises:
-        InputError: bad options (see `resolve`), a method with adaptive steps, no members or unknown ones, or a period
-            that is not positive.
+        InputError: bad options (see `resolve`), a method with adaptive steps, no members or unknown ones, a period that
+            is not positive, or motors with a largest force where rigid struts share nodes.
 
     Example:
         >>> plant = jaxgrity.control.plant_of(jaxgrity.load_scene("exact"), members=(0, 1, 2, 3, 4, 5))
@@ -144,6 +144,8 @@ def plant_of(
         raise InputError(f"members = {members}: expected at least one that is actuated, as (0, 1, 2)")
     members = check_indices("members", members, scene.structure.member_count)
     period = check_number("period", period, above=0.0, unit="s")
+    if motors.force is not None:
+        check_told_apart(scene)
     zeros = np.zeros(len(members))
     scene = with_gait(scene, Gait(members, zeros, zeros, zeros))
     resolved = resolve(scene, period, options)

@@ -69,6 +69,11 @@ class Steered(Policy):
 
     def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
         inner, last, travel, before = memory
+        shape, struts = np.shape(self.offsets), len(observation.directions)
+        if shape[1] != struts:
+            raise InputError(
+                f"offsets have the shape {shape}: the robot has {struts} struts; expected those of this one"
+            )
         wanted, inner = self.policy(observation, t, inner)
         place, passed = observation.place[:2], t - before
         fresh = jnp.where(before > 0, (place - last) / passed, 0)

@@ -11,6 +11,7 @@ from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.height_fields import bumps
+from jaxgrity.model.rod_contact import set_above, set_down
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.dynamics import centre_of_mass
@@ -98,9 +99,9 @@ def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
         if task.fallen:
             raise InputError("structure.fixed: this task lets the robot fall; expected one without supports")
         return dataclasses.replace(scene, ground=ground)
-    q = ground.set_down(np.asarray(scene.structure.nodes, float), -CLEAR * size, size)
-    structure = dataclasses.replace(scene.structure, nodes=q)
-    return dataclasses.replace(scene, ground=ground, structure=structure)
+    placed = dataclasses.replace(scene, ground=ground)
+    q = set_down(placed, np.asarray(scene.structure.nodes, float), -CLEAR * size)
+    return dataclasses.replace(placed, structure=dataclasses.replace(scene.structure, nodes=q))
 
 
 @typed
@@ -118,11 +119,11 @@ def task_start(task: Task, scene: Scene, key: Any) -> State:
     size = length_scale(scene)
     assert scene.ground is not None, "`ground_of` refuses a scene without a ground"
     if not task.fallen:
-        return scene.ground.set_above(body, CLEAR * size), jnp.zeros_like(q)
+        return set_above(scene, body, CLEAR * size), jnp.zeros_like(q)
     falls = DROP[0] * speed_scale(scene), DROP[1] / time_scale(scene)
     speed, spin = (each * _normal(k, 3).astype(q.dtype) for each, k in zip(falls, (speeds, spins)))
     height = size * (CLEAR + jax.random.uniform(heights, (), jnp.float32).astype(q.dtype))
-    return scene.ground.set_above(body, height), speed + jnp.cross(spin, body)
+    return set_above(scene, body, height), speed + jnp.cross(spin, body)
 
 
 def _normal(key: Any, count: int) -> AnyArray:

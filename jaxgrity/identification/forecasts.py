@@ -1,5 +1,6 @@
 """The speed of a gait on an identified robot, with its uncertainty, and what to measure next."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -109,6 +110,7 @@ def speed_forecast(
     robots: int = 128,
     duration: float = 80.0,
     options: Options = None,
+    on_progress: Callable[[int, int], object] = lambda done, total: None,
 ) -> SpeedForecast:
     """The spread of a gait's steady speed over robots plausible after measurements, and what to measure next.
 
@@ -125,6 +127,7 @@ def speed_forecast(
         robots: the number of draws.
         duration: s, of the most probable robot's rollout, to find its orbit.
         options: solver options with a fixed step; by default the scene's.
+        on_progress: called with the numbers of finished and of all stages, at first and after each of the three.
 
     Returns:
         Speeds, slopes and shares.
@@ -140,7 +143,9 @@ def speed_forecast(
         raise InputError(f"found: the scene is a {type(scene).__name__}; expected what identify made of a Scene")
     drawn = deviates(key, found, robots)
     differences = robots_at(found, drawn)
+    on_progress(0, 3)
     orbit = find_orbit(scene, duration, options=options)
+    on_progress(1, 3)
     if not orbit.settled:
         raise InputError(f"gait: in {duration:g} s it settles on no orbit; expected one that lasts, or more time")
     slopes, deviation, shares = None, None, None
@@ -148,7 +153,9 @@ def speed_forecast(
         slopes = speed_slopes(scene, found.parameters, orbit, options=options)
         variance, pulls = slopes @ found.covariance @ slopes, found.covariance @ slopes
         deviation, shares = float(np.sqrt(variance)), pulls**2 / np.diag(found.covariance) / max(variance, 1e-300)
+    on_progress(2, 3)
     speeds = speeds_of_robots(scene, orbit, differences, robots, options=options)
+    on_progress(3, 3)
     return SpeedForecast(orbit, tuple(p.name for p in found.parameters), slopes, deviation, shares, drawn, speeds)
 
 

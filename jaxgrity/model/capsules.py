@@ -97,10 +97,12 @@ def and_of_struts(gaps: PerNode, ground: Any, q: NodeVectors) -> AnyArray:
 def depths(ground: Any, q: NodeVectors) -> PerMember:
     """m, (struts,), of the capsules of a `ground` in it, where nodes are at q; -inf where an end is nearest."""
     capsules, q = ground.capsules, ground.relative(q)
-    i, j = map(np.array, capsules.ends)
-    whole = jnp.array([[0.0], [1.0]], q.dtype) * jnp.ones(len(i), q.dtype)
-    found = nearest(ground.surface, q[i], q[j], whole, 0 * whole[0])
-    return jnp.where(found.found, capsules.radius - found.distance, -jnp.inf)
+    strut, part = (x.ravel() for x in np.indices((len(capsules.struts), capsules.parts)))
+    i, j = (np.array(nodes)[strut] for nodes in capsules.ends)
+    bounds = jnp.asarray(np.stack([part, part + 1]) / capsules.parts, q.dtype)
+    found = nearest(ground.surface, q[i], q[j], bounds, 0 * bounds[0])
+    deep = jnp.where(found.found, capsules.radius[strut] - found.distance, -jnp.inf)
+    return deep.reshape(-1, capsules.parts).max(1)
 
 
 def _look(surface: Surface, a: NodeVectors, d: NodeVectors, s: AnyArray) -> tuple[AnyArray, AnyArray, AnyArray]:

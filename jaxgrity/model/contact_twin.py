@@ -9,7 +9,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.model.friction import ConeFriction, SmoothFriction
 from jaxgrity.model.ground import ExactGround, PenaltyGround
 from jaxgrity.model.rigid_struts import LARGEST_GAP
-from jaxgrity.model.rod_contact import ALONG_STRUTS, radii_along_struts, with_contact_along_struts
+from jaxgrity.model.rod_contact import ALONG_STRUTS, lifted, radii_along_struts, with_contact_along_struts
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, edge_lengths
@@ -53,7 +53,10 @@ def exact_twin(scene: Scene) -> Scene:
         ground, friction = ExactGround(ground.incline, surface=surface, offset=offset, balls=balls), cone
     terms = tuple(law for law in without_strut_contact(scene).terms if not isinstance(law, ALONG_STRUTS))
     twin = dataclasses.replace(scene, structure=structure, ground=ground, friction=friction, terms=terms)
-    return touching_like(_touching_along_struts(twin, radii_along_struts(scene), 1), scene)
+    twin = _touching_along_struts(twin, radii_along_struts(scene), 1)
+    nodes = lifted(twin, structure.nodes, LARGEST_GAP * size)
+    twin = dataclasses.replace(twin, structure=dataclasses.replace(structure, nodes=nodes))
+    return touching_like(twin, scene)
 
 
 @typed

@@ -2,6 +2,7 @@
 
 import math
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar
 
 import equinox as eqx
@@ -119,11 +120,15 @@ class Ground(eqx.Module):
             check_placed(self.measured(moved).distance, depth, size)
         return moved
 
-    def set_above(self, q: NodeVectors, distance: Scalar) -> NodeVectors:
-        """Positions q moved up or down until the nearest node has `distance` from the ground, m. JAX can trace it."""
+    def set_above(
+        self, q: NodeVectors, distance: Scalar, beside: Callable[[NodeVectors], AnyArray] | None = None
+    ) -> NodeVectors:
+        """Positions q moved up or down until the nearest node has `distance` from the ground, m. JAX can trace it.
+
+        `beside` is a function of positions. Its distances, m, count like those of nodes.
+        """
         refuse_balls(self.balls)
-        surface, moved = Slope(self.incline) if self.surface is None else self.surface, self.relative(q)
-        return q + above(moved, distance, surface.signed_distance, surface.height) - moved
+        return above(q, distance, self, beside)
 
     def keeps(self, symmetry) -> bool:
         """Whether the symmetry maps the ground on itself; for surfaces, only the identity does."""

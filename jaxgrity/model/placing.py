@@ -12,9 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.rigid_struts import LARGEST_GAP
-from jaxgrity.model.surface import DistanceAndAxes, coordinates
+from jaxgrity.model.surface import DistanceAndAxes, Slope, coordinates
 
 SETTLED_WITHIN = 100
 """Most moves along the normal that set a structure down on uneven ground."""
@@ -40,24 +40,25 @@ def down(
 
 @eqx.filter_jit
 def above(
-    q: NodeVectors,
-    distance: Scalar,
-    distances: Callable[[NodeVectors], PerNode],
-    height: Callable[[PerNode, PerNode], PerNode],
+    q: NodeVectors, distance: Scalar, ground: Any, beside: Callable[[NodeVectors], AnyArray] | None
 ) -> NodeVectors:
-    """The nodes moved up or down until the nearest one is at a `distance` (m) from the ground, as `distances` say.
+    """The nodes moved up or down until the nearest one is at a `distance` (m) from the ground.
 
-    No node is below the highest point of the ground under it, so that none starts inside a solid or below a roof; of
-    a negative distance they are as deep in it. Where there is no ground below any node, they keep their height.
+    The distances of `beside`, m, count like those of nodes. No node is below the highest point of the ground under it,
+    so that none starts inside a solid or below a roof; of a negative distance they are as deep in it. Where there is no
+    ground below any node, they keep their height.
     """
-    x, y, z = coordinates(q)
-    lowest = jnp.max(height(x, y) - z)
+    surface = Slope(ground.incline) if ground.surface is None else ground.surface
+    x, y, z = coordinates(ground.relative(q))
+    lowest = jnp.max(surface.height(x, y) - z)
     lowest = jnp.where(jnp.isfinite(lowest), lowest, 0).astype(q.dtype)
     distance = jnp.asarray(distance, q.dtype)
     up = jnp.array([0.0, 0.0, 1.0], q.dtype)
 
     def near(lift: Scalar) -> AnyArray:
-        return jnp.min(distances(q + lift * up)) < distance
+        there = q + lift * up
+        nearest = jnp.min(surface.signed_distance(ground.relative(there)))
+        return (nearest if beside is None else jnp.minimum(nearest, jnp.min(beside(there)))) < distance
 
     def apart(_, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
         low, high = ends

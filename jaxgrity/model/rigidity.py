@@ -1,5 +1,6 @@
 """What keeps its distance: the ends of rigid struts, and the basic points of rigid bodies."""
 
+import itertools
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -69,6 +70,11 @@ def rigid_lengths(scene: SceneParts, t: Scalar) -> PerMember:
     if not structure.bodies:
         return parts[0]
     return jnp.concatenate([*parts, body_pairs(structure.bodies, structure.fixed)[1]])
+
+
+def lines_between_points(bodies: Bodies) -> Edges:
+    """The lines between all points of each body: what figures and distances from obstacles take for the body."""
+    return tuple(pair for body in bodies for pair in itertools.combinations(body.points, 2))
 
 
 def _same(body, places, nodes) -> bool:

@@ -5,12 +5,14 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.arguments import check_count, check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows, take_rows
+from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.balls import Balls
@@ -18,7 +20,10 @@ from jaxgrity.model.capsules import Capsules, depths
 from jaxgrity.model.friction import SmoothFriction
 from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround, contact_dissipation, contact_energy, normal_force
 from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, ForceLaw, Motion
-from jaxgrity.model.scene import Scene, with_terms
+from jaxgrity.model.placing import SETTLED_WITHIN
+from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.scales import length_scale
+from jaxgrity.model.scene import Scene, as_dtype, with_terms
 from jaxgrity.model.structure import Members, per_member
 
 
@@ -203,18 +208,55 @@ def radii_along_struts(scene: Scene) -> dict[int, float]:
     return {k: float(r) for struts, radii in pairs for k, r in zip(struts, np.asarray(radii))}
 
 
-def struts_touch(scene: Scene, q: NodeVectors, within: float) -> AnyArray:
-    """Whether a strut touches the ground between its ends, at positions q, m.
+def strut_distances(scene: Scene, q: NodeVectors) -> AnyArray:
+    """m, from the ground, of the struts that touch it between their ends, at positions q, m; infinite last.
 
-    On penalty contact one of its points is in the ground; on exact contact it is no more than `within`, m, above it.
+    On penalty contact there is a number for each point, on exact contact one for each strut: infinite where an end is
+    nearer.
     """
-    ground, found = scene.ground, [jnp.zeros(1, bool)]
+    ground, found = scene.ground, [jnp.full(1, jnp.inf, q.dtype)]
     if isinstance(ground, ExactGround) and ground.capsules is not None and ground.surface is not None:
-        found.append(jnp.asarray(depths(ground, q) >= -within))
+        found.insert(0, -depths(ground, q))
     for points in (law.points for law in scene.terms if isinstance(law, RodContact)):
         at_points = points.ground(scene)
-        found += [] if at_points is None else [jnp.asarray(points.distances(at_points, points.of(q)) < 0)]
-    return jnp.any(jnp.concatenate(found))
+        found[:0] = [] if at_points is None else [points.distances(at_points, points.of(q))]
+    return jnp.concatenate(found)
+
+
+def set_above(scene: Scene, q: NodeVectors, distance: Scalar) -> NodeVectors:
+    """As `Ground.set_above`; struts that touch the ground between their ends count like nodes."""
+    beside = jax.tree_util.Partial(strut_distances, scene) if _touches_along_struts(scene) else None
+    return cast(Ground, scene.ground).set_above(q, distance, beside)
+
+
+def set_down(scene: Scene, q: np.ndarray, depth: float) -> np.ndarray:
+    """Positions q, m, set down as by `Ground.set_down`; `lifted` if a strut is then deeper."""
+    moved = cast(Ground, scene.ground).set_down(q, depth, float(length_scale(scene)))
+    return np.asarray(lifted(scene, moved, depth))
+
+
+def lifted(scene: Scene, q: NodeVectors, depth: float) -> NodeVectors:
+    """Positions q, m, moved up until no strut that touches the ground between its ends is deeper in it than `depth`.
+
+    Raises `InputError` where that does not end.
+    """
+    if not _touches_along_struts(scene):
+        return q
+    within, missing = LARGEST_GAP / 10 * float(length_scale(scene)), np.inf
+    with jax.enable_x64(True), evaluated():
+        known = as_dtype(scene, "float64")
+        for _ in range(SETTLED_WITHIN):
+            missing = -depth - float(jnp.min(strut_distances(known, jnp.asarray(q, float))))
+            if missing <= within:
+                return q
+            q = q + np.array([0.0, 0.0, missing])
+    raise InputError(f"ground: a strut is {missing:.3g} m too deep in it; expected a pose that stands on the ground")
+
+
+def _touches_along_struts(scene: Scene) -> bool:
+    """Whether a strut touches the ground between its ends."""
+    capsules = getattr(scene.ground, "capsules", None)
+    return capsules is not None or any(isinstance(law, RodContact) for law in scene.terms)
 
 
 def _chosen_struts(scene: Scene, count: int, struts: tuple[int, ...] | None) -> tuple[int, ...]:

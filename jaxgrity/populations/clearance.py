@@ -7,6 +7,7 @@ import numpy as np
 from jaxgrity.core.arguments import check_count
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
+from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.simulate import Trajectory
 
@@ -14,6 +15,8 @@ from jaxgrity.stepping.simulate import Trajectory
 @typed
 def rod_depths(scene: Scene, trajectory: Trajectory, points: int = 15) -> PerMember:
     """Largest depth of each strut in the ground between its nodes, along a motion.
+
+    A strut that touches the ground between its ends has the radius with which it does; any other is a line.
 
     Args:
         scene: the scene of the motion.
@@ -44,4 +47,5 @@ def rod_depths(scene: Scene, trajectory: Trajectory, points: int = 15) -> PerMem
     share = np.linspace(0, 1, points + 2)[1:-1, None]
     along = (1 - share) * q[:, i] + share * q[:, j]
     distance = ground.measured(along.reshape(len(q), -1, 3)).distance.reshape(along.shape[:-1])
-    return np.maximum(0.0, -distance.min(axis=(0, 2)))
+    radii = radii_along_struts(scene)
+    return np.maximum(0.0, np.array([radii.get(k, 0.0) for k in range(len(i))]) - distance.min(axis=(0, 2)))

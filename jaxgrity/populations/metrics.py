@@ -11,7 +11,7 @@ from jaxgrity.core.primitives import component, dot, edge_vectors, inverse, leng
 from jaxgrity.core.types import AnyArray, PerActuator, PerGait, PerNode, Scalar, namespace_of
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.balls import touching_velocities
-from jaxgrity.model.rod_contact import struts_touch
+from jaxgrity.model.rod_contact import strut_distances
 from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import disjoint_groups
@@ -68,15 +68,20 @@ def initial_metrics(scene: Scene, since: Scalar | None = None) -> Metrics:
     """
     if scene.gait is None:
         raise InputError("the scene has no gait; expected one, whose actuators can be measured")
+    check_told_apart(scene)
+    zero = jnp.zeros_like(scene.structure.nodes[0, 0])
+    none = jnp.zeros_like(scene.gait.phase)
+    begins = jnp.asarray(scene.gait.start if since is None else since, zero.dtype)
+    return Metrics(*[zero] * 6, *[none] * 4, *[zero] * 5)._replace(since=zero + begins)
+
+
+def check_told_apart(scene: Scene) -> None:
+    """Raise `InputError` where the forces of rigid struts at a node cannot be told apart."""
     struts = rigid_struts(scene)
     if struts is not None and len(disjoint_groups(struts.edges)) > 1:
         raise InputError(
             "rigid struts share nodes: their forces cannot be told apart; expected struts with a stiffness"
         )
-    zero = jnp.zeros_like(scene.structure.nodes[0, 0])
-    none = jnp.zeros_like(scene.gait.phase)
-    begins = jnp.asarray(scene.gait.start if since is None else since, zero.dtype)
-    return Metrics(*[zero] * 6, *[none] * 4, *[zero] * 5)._replace(since=zero + begins)
 
 
 def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
@@ -89,7 +94,7 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     way, up = jnp.sqrt(moved[0] * moved[0] + moved[1] * moved[1]), so_far.moved_z + moved[2]
     touching, slipping = _contact(scene, step)
     along_struts = step.after.memory.impulses.along_struts if step.impulsive else None
-    on_struts = struts_touch(scene, q, 0.0) if along_struts is None else jnp.any(along_struts[:, 0] > 0)
+    on_struts = jnp.any(strut_distances(scene, q) < 0) if along_struts is None else jnp.any(along_struts[:, 0] > 0)
     numbers = _members_that_move(scene)
     rates, worked_over = _lengthened(scene, step, numbers) / h, _lengthened(scene, step, numbers, impulses=True)
     tensions = actuator_tension(scene, step, numbers)

@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
@@ -12,7 +13,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.balls import touching_velocities
 from jaxgrity.model.ground import Ground
-from jaxgrity.model.rod_contact import radii_along_struts, struts_touch
+from jaxgrity.model.rod_contact import radii_along_struts, strut_distances
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
@@ -186,7 +187,7 @@ def _on_struts(scene: Scene, trajectory: Trajectory) -> np.ndarray:
         return np.zeros(len(q), bool)
     with jax.enable_x64(True):
         within = ground.touched_below * float(length_scale(scene))
-        return np.asarray(jax.jit(jax.vmap(lambda q: struts_touch(scene, q, within)))(q))
+        return np.asarray(jax.jit(jax.vmap(lambda q: jnp.any(strut_distances(scene, q) < within)))(q))
 
 
 def _lowest(heights: np.ndarray, margin: float) -> np.ndarray:

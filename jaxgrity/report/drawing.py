@@ -9,7 +9,7 @@ import numpy as np
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.solids import Box, Cylinder, Sphere
 from jaxgrity.report.poses import NODE_RADIUS, RobotPoses, Rods, robot_size
-from jaxgrity.report.style import FORCE, GROUND, PATH, SUPPORT
+from jaxgrity.report.style import FORCE, GROUND, PATH, STRUT, SUPPORT
 
 trimesh = lazy_loader.load("trimesh")
 
@@ -123,6 +123,8 @@ class RobotDrawing:
             for kind, rows in self._kinds.items()
             if first.colours[0, rows].size
         }
+        red = colour(STRUT)
+        self._bodies = self._rods("rigid bodies", rod, first.bodies, red) if scene.structure.bodies else None
         self._nodes = self._batch("nodes", ball, first.nodes[0], colour("#111111"))
         self._centre = self._batch("centre of mass", ball, first.centre[:1], colour(PATH))
         self._forces = self._rods("ground forces", _arrow(), first.ground_forces, colour(FORCE))
@@ -156,6 +158,8 @@ class RobotDrawing:
             _place(handle, _some(poses.members, rows), frame)
             if kind == "cables":
                 handle.batched_colors = poses.colours[frame, rows]
+        if self._bodies is not None:
+            _place(self._bodies, poses.bodies, frame)
         self._nodes.batched_positions = _single(poses.nodes[frame])
         self._centre.batched_positions = _single(poses.centre[frame][None])
         _place(self._forces, poses.ground_forces, frame)

@@ -1,5 +1,6 @@
 """A robot in a 3D replay, frame by frame: places, turns, sizes and colours of its parts."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import matplotlib
@@ -8,6 +9,8 @@ from scipy.spatial import ConvexHull, QhullError
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Times
+from jaxgrity.model.rigidity import lines_between_points
+from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.forces import forces_along
@@ -41,6 +44,8 @@ class RobotPoses(NamedTuple):
     times: Times
     members: Rods
     """struts first"""
+    bodies: Rods
+    """lines between all points of each rigid body"""
     colours: np.ndarray
     """(frames, members, 3), 0 to 255: struts red, cables by their tension, slack ones pale"""
     nodes: np.ndarray
@@ -95,6 +100,7 @@ def robot_poses(scene: Scene, trajectory: Trajectory, frame_rate: float, offset:
     return RobotPoses(
         np.asarray(trajectory.times, float),
         _members(scene, q, radius),
+        _bars(lines_between_points(scene.structure.bodies), q, STRUT_RADIUS * size),
         colours,
         q,
         rods(q, q + np.where(shown[..., None], arrows, [0, 0, 1e-6]), np.where(shown, FORCE_RADIUS * size, 1e-6)),
@@ -123,7 +129,11 @@ def check_motion(trajectory: Trajectory) -> None:
 
 def _members(scene: Scene, q: np.ndarray, radius: np.ndarray) -> Rods:
     kinds = (scene.structure.struts, scene.structure.cables)
-    i, j = np.array([edge for kind in kinds if kind is not None for edge in kind.edges], int).reshape(-1, 2).T
+    return _bars([edge for kind in kinds if kind is not None for edge in kind.edges], q, radius)
+
+
+def _bars(edges: Sequence[tuple[int, int]], q: np.ndarray, radius: np.ndarray | float) -> Rods:
+    i, j = np.array(edges, int).reshape(-1, 2).T
     return rods(q[:, i], q[:, j], radius)
 
 
@@ -138,7 +148,9 @@ def _member_looks(scene: Scene, tension: np.ndarray, size: float) -> tuple[np.nd
     cables = np.where(slack[..., None], pale, matplotlib.colormaps[TENSION](share)[..., :3])
     colours = np.concatenate([np.broadcast_to(red, (len(pull), struts, 3)), cables], axis=1)
     thin = np.where(slack, 0.5 * CABLE_RADIUS, CABLE_RADIUS) * size
-    radius = np.concatenate([np.full((len(pull), struts), STRUT_RADIUS * size), thin], axis=1)
+    own = radii_along_struts(scene)
+    thick = [own.get(k, 0.0) or STRUT_RADIUS * size for k in range(struts)]
+    radius = np.concatenate([np.broadcast_to(thick, (len(pull), struts)), thin], axis=1)
     return radius, np.round(255 * colours).astype(np.uint8), largest
 
 

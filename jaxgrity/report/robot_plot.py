@@ -8,10 +8,13 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
 from jaxgrity.core.display import significant
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait, contraction, rest_lengths_along
 from jaxgrity.model.pulleys import built_lengths
+from jaxgrity.model.rigidity import lines_between_points
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Members, Structure
 from jaxgrity.populations.forces import forces_along
 from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report.poses import on_ground
@@ -23,13 +26,20 @@ ROUNDING = 1e-9
 """Share of the largest force up to which a cable's tension is rounding: it counts as slack."""
 
 
+def drawn_lines(structure: Structure) -> list[tuple[np.ndarray, str, float]]:
+    """Nodes of the lines (lines, 2) that show a robot, their colour and width: of struts and bodies, and of cables."""
+    struts, cables = (() if members is None else members.edges for members in (structure.struts, structure.cables))
+    bars = (*struts, *lines_between_points(structure.bodies))
+    shown = (bars, STRUT, 3.5), (cables, CABLE, 1.0)
+    return [(np.asarray(lines), colour, width) for lines, colour, width in shown if lines]
+
+
 def draw_robot(axes: Axes3D, scene: Scene, q: np.ndarray, number: bool = False) -> list:
-    """Struts (red, thick), cables (dark, thin) and nodes at positions `q` (nodes, 3), with node numbers on request."""
+    """Struts and rigid bodies (red, thick), cables (dark, thin) and nodes at positions `q` (nodes, 3), with node
+    numbers on request."""
     artists = []
-    for members, colour, width in ((scene.structure.struts, STRUT, 3.5), (scene.structure.cables, CABLE, 1.0)):
-        if members is not None:
-            lines = Line3DCollection(q[np.asarray(members.edges)], colors=colour, linewidths=width)
-            artists.append(axes.add_collection3d(lines))
+    for edges, colour, width in drawn_lines(scene.structure):
+        artists.append(axes.add_collection3d(Line3DCollection(q[edges], colors=colour, linewidths=width)))
     artists.append(axes.scatter(*q.T, color="black", s=12, depthshade=False))
     if number:
         artists += [axes.text(*(1.1 * (x - q.mean(0)) + q.mean(0)), str(k)) for k, x in enumerate(q)]
@@ -116,12 +126,20 @@ def _zoom_that_fits(axes: Axes3D, sides: np.ndarray, points: np.ndarray) -> floa
     return zoom
 
 
+def _kinds_of_members(structure: Structure) -> list[tuple[str, Members]]:
+    """Struts and cables, by name. Raises `InputError` where there are neither."""
+    kinds = [(name, each) for name, each in (("struts", structure.struts), ("cables", structure.cables)) if each]
+    if not kinds:
+        raise InputError("the structure has no members; expected some, to draw a figure of")
+    return kinds
+
+
 @styled
 def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     """Length of every member against time, with the actuated members' rest lengths as dashed lines."""
     scene = driven(scene, trajectory)
     q, times = np.asarray(trajectory.positions), np.asarray(trajectory.times)
-    kinds = [(n, m) for n, m in (("struts", scene.structure.struts), ("cables", scene.structure.cables)) if m]
+    kinds = _kinds_of_members(scene.structure)
     figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")
     first = 0
     for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):
@@ -145,7 +163,7 @@ def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
 def force_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     """Force in every member against time, N, tension positive; slack cables are those at zero."""
     forces, times = forces_along(scene, trajectory).tension, np.asarray(trajectory.times)
-    kinds = [(n, m) for n, m in (("struts", scene.structure.struts), ("cables", scene.structure.cables)) if m]
+    kinds = _kinds_of_members(scene.structure)
     figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")
     first = 0
     for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):

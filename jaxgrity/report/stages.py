@@ -14,7 +14,7 @@ from PIL import Image
 from jaxgrity.core.display import significant
 from jaxgrity.model.scene import Scene
 from jaxgrity.report.poses import robot_size
-from jaxgrity.report.robot_plot import draw_robot
+from jaxgrity.report.robot_plot import draw_robot, drawn_lines
 from jaxgrity.report.style import GROUND, PATH, styled
 from jaxgrity.stepping.simulate import Trajectory, centre_path
 
@@ -41,7 +41,7 @@ class WholeStage(Stage):
         self._positions, self._times = np.asarray(trajectory.positions), np.asarray(trajectory.times)
         self._centre = centre_path(scene, trajectory)
         self._ground = scene.ground
-        self._edges = [np.asarray(m.edges) for m in (scene.structure.struts, scene.structure.cables) if m is not None]
+        self._edges = [edges for edges, *_ in drawn_lines(scene.structure)]
         figure = Figure(figsize=(6, 4.2), dpi=width / 6, layout="constrained")
         self._canvas = FigureCanvasAgg(figure)
         self._axes = self._empty_axes(figure)
@@ -104,7 +104,7 @@ class FollowingStage(Stage):
     def __init__(self, scene: Scene, trajectory: Trajectory, width: int):
         self._scene, self._size = scene, robot_size(scene)
         self.follow(trajectory)
-        self._edges = [np.asarray(m.edges) for m in (scene.structure.struts, scene.structure.cables) if m is not None]
+        self._lines = drawn_lines(scene.structure)
         figure = Figure(figsize=(6, 3.4), dpi=width / 6)
         self._canvas = FigureCanvasAgg(figure)
         axes = figure.add_subplot(projection="3d", computed_zorder=False, position=(0, 0, 1, 1))
@@ -137,14 +137,14 @@ class FollowingStage(Stage):
         """The saved frame `k`."""
         here = self._on_ground(self._centre[k : k + 1])[0]
         q = self._positions[k] - here
-        for lines, edges in zip(self._members, self._edges):
-            lines.set_segments(q[edges])
+        for artist, (edges, *_) in zip(self._members, self._lines):
+            artist.set_segments(q[edges])
         self._nodes._offsets3d = tuple(q.T)  # Matplotlib has no public way to move 3D markers
         if self._scene.ground is not None:
             self._show_ground(here)
             below = self._on_ground(self._positions[k]) - here
-            self._shadow.set_segments(np.concatenate([below[edges] for edges in self._edges]))
-            self._shadow.set_linewidth(np.concatenate([np.full(len(e), w) for e, w in zip(self._edges, (3.5, 1.0))]))
+            self._shadow.set_segments(np.concatenate([below[edges] for edges, *_ in self._lines]))
+            self._shadow.set_linewidth(np.concatenate([np.full(len(edges), w) for edges, _, w in self._lines]))
         self._trail.set_data_3d(*(self._on_ground(self._centre[: k + 1]) - here).T)
         self._title.set_text(caption(self._times, self._centre, k))
         self._canvas.draw()

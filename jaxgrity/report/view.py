@@ -225,7 +225,7 @@ def _with_legend(page: str, title: str, poses: RobotPoses) -> str:
     shades = matplotlib.colormaps[TENSION](np.linspace(0, 1, 8))
     ramp = "linear-gradient(90deg," + ",".join(matplotlib.colors.to_hex(shade) for shade in shades) + ")"
     marks = [
-        (STRUT, "struts"),
+        (STRUT, "struts, rigid bodies"),
         (ramp, f"cables, 0 to {poses.largest_tension:.0f} N"),
         (SLACK, "slack cables"),
         (FORCE, "forces of the ground"),

@@ -8,6 +8,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.laws import EnergyTerm
+from jaxgrity.model.rod_contact import set_down
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import as_springs
@@ -59,7 +60,7 @@ def settled(scene: Scene) -> Settled:
         if scene.ground is not None:
             weight = float(structure.mass) * float(scene.gravity or 0.0)
             size = float(length_scale(scene))
-            nodes = scene.ground.set_down(nodes, scene.ground.touching_depth(weight, 3, size), size)
+            nodes = set_down(scene, nodes, scene.ground.touching_depth(weight, 3, size))
     largest = float(np.linalg.norm(moved, axis=1).max())
     return Settled(dataclasses.replace(scene, structure=dataclasses.replace(structure, nodes=nodes)), largest)
 

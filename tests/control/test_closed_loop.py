@@ -535,6 +535,22 @@ class Short(control.Policy):
             "sensors.every = 0: expected a whole number, at least 1",
         ),
         (lambda scene: centre_offsets(scene.structure, (0, 6)), "expected struts alone"),
+        (
+            lambda scene: control.simulate_policy(
+                control.plant_of(scene, tuple(range(6))), Steered(OpenLoop(scene.gait), 0.1, np.zeros((6, 5))), 0.1
+            ),
+            r"offsets have the shape \(6, 5\): the robot has 6 struts",
+        ),
+        (
+            lambda scene: control.plant_of(
+                jaxgrity.Scene(
+                    jaxgrity.Structure(np.eye(3), np.ones(3), jaxgrity.Members(((0, 1), (1, 2)), None, [2**0.5] * 2))
+                ),
+                (0,),
+                motors=MotorLimits(force=10.0),
+            ),
+            "rigid struts share nodes: their forces cannot be told apart",
+        ),
         (lambda scene: control.plant_of(scene, (99,)), r"members\[0\] = 99: expected a whole number from 0 to 29"),
         (
             lambda scene: control.plant_of(

@@ -93,6 +93,18 @@ def test_the_gap_is_that_of_bodies_and_balls_too():
         control.gap(post, jaxgrity.Scene(jaxgrity.Structure(nodes, np.ones(4))), nodes)
 
 
+def test_the_gap_is_that_of_struts_with_their_radius():
+    """A post beside the middle of a strut of six centimetres, of which the ends have no other thickness."""
+    nodes = np.array([[-1.0, 0, 0.1], [1.0, 0, 0.1], [-1.0, 2.0, 0.1], [1.0, 2.0, 0.1]])
+    struts = jaxgrity.Members(((0, 1), (2, 3)), None, [2.0, 2.0])
+    thin = jaxgrity.Scene(jaxgrity.Structure(nodes, np.ones(4), struts), ground=jaxgrity.ExactGround())
+    thick = jaxgrity.with_contact_along_struts(thin, 1, struts=(0,), radius=0.03)
+    post = Discs(np.array([[0.2, 0.5], [0.2, 1.6]]), np.array([0.1, 0.1]))
+    assert control.gap(post, thin, nodes) == pytest.approx(0.3)
+    assert control.gap(Discs(post.centres[:1], post.radii[:1]), thick, nodes) == pytest.approx(0.37)
+    assert control.gap(post, thick, nodes) == pytest.approx(0.3)
+
+
 def test_outside_the_arena_it_is_further():
     """Nothing is gained by leaving it: a metre beyond its border counts more than one inside."""
     way = control.way_map(NOTHING, np.array([10.0, 0.0]), ARENA)

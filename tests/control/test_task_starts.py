@@ -59,6 +59,25 @@ def test_robots_start_as_far_above_any_ground_as_the_task_says(ground, distance,
     assert not np.any(v)
 
 
+@pytest.mark.parametrize("name", [pytest.param("exact", marks=pytest.mark.slow), "reference"])
+def test_struts_that_touch_between_their_ends_start_above_a_post(name):
+    """As far as the task says, by points along all struts; as built, and turned: the post is below the robot's middle,
+    where it has few nodes."""
+    post = np.array([0.0, 0.0, 0.2]), np.array([0.06, 0.06, 0.8])
+    scene = jaxgrity.load_scene(name)
+    scene = replace(scene, ground=replace(scene.ground, surface=Union((Slope(), Box(*post)))))
+    scene, task = jaxgrity.with_contact_along_struts(scene, 9), control.TASKS["heading"]
+    starts = jax.jit(jax.vmap(lambda key: control.task_start(task, scene, key)[0]))
+    built = control.ground_of(task, scene, seed=0).structure.nodes
+    q = np.concatenate([built[None], starts(jax.random.split(jax.random.key(0), 50))])
+    share = np.linspace(0, 1, 2001 if name == "exact" else 11)[:, None]
+    ends = q[:, np.array(scene.structure.struts.edges)]
+    along = (1 - share) * ends[:, :, None, 0] + share * ends[:, :, None, 1]
+    nodes, struts = (np.minimum(x[..., 2], to_box(x, *post)) for x in (q, along))
+    np.testing.assert_allclose(struts.min((1, 2)), WANTED, atol=1e-4)
+    assert np.mean(nodes.min(1) > WANTED + 0.01) > 0.1
+
+
 def test_robots_start_as_far_above_bumps_as_the_task_says(scene):
     """By the nearest of many points of the ground."""
     env = control.environment("bumps", scene)

@@ -21,7 +21,11 @@ def known(scene, covariance=CORRELATED) -> Identified:
 @pytest.fixture(scope="module")
 def forecast(crawler):
     scene, _, options = crawler
-    return speed_forecast(jax.random.key(0), known(scene), robots=64, duration=60.0, options=options)
+    stages = []
+    given = {"robots": 64, "duration": 60.0, "options": options}
+    found = speed_forecast(jax.random.key(0), known(scene), **given, on_progress=lambda *stage: stages.append(stage))
+    assert stages == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    return found
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.4, -1.5])

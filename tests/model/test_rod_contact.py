@@ -34,6 +34,7 @@ from jaxgrity.model import exact_twin, penalty_twin
 from jaxgrity.model.balls import Balls
 from jaxgrity.populations import rod_depths
 from jaxgrity.stepping.dynamics import total_force
+from jaxgrity.stepping.starts import check_start
 
 STIFFNESS, MASS, G = 2e4, 1.0, 9.81
 POST = Box((0.0, 0.0, 0.0), (0.2, 2.0, 0.6))
@@ -83,6 +84,25 @@ def test_balls_of_nodes_are_none_of_the_points():
         none = jnp.array(0)
         still = Trajectory(np.array([0.0]), q[None], 0 * q[None], none, none, none, "rk4", 1e-3, feet)
         np.testing.assert_allclose(rod_depths(feet, still, 3), max(-z, 0.0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_thick_rod_is_as_deep_as_its_surface(count):
+    """Half its radius above a plane, which its axis does not touch."""
+    scene = with_contact_along_struts(across(surface=None), count, radius=0.02)
+    q, none = scene.structure.nodes * [1.0, 1.0, 0.0] + [0.0, 0.0, 0.01], jnp.array(0)
+    still = Trajectory(np.array([0.0]), q[None], 0 * q[None], none, none, none, "rk4", 1e-3, scene)
+    np.testing.assert_allclose(rod_depths(scene, still, 3), 0.01, rtol=1e-12)
+
+
+def test_an_exact_twin_starts_on_what_its_rods_touch():
+    """Of a rod that lies a centimetre deep across a post, whose ends are in the air."""
+    soft = with_contact_along_struts(across(SmoothFriction(0.4, 0.01), surface=Union((Slope(), POST))), 3)
+    top = float(soft.ground.height([0.0], [0.0])[0])
+    q = soft.structure.nodes * [1.0, 1.0, 0.0] + [0.0, 0.0, top - 0.01]
+    twin = exact_twin(replace(soft, structure=replace(soft.structure, nodes=q)))
+    np.testing.assert_allclose(twin.structure.nodes - q, [[0.0, 0.0, 0.01]] * 2, atol=2e-5)
+    check_start(twin)
 
 
 def test_contact_twins_touch_along_the_same_struts():

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from browser import is_red, screenshot, start_browser, wait_for
@@ -147,6 +148,40 @@ def test_slack_cables_are_pale_and_thin(rolling_robot):
     np.testing.assert_array_equal(pale, slack)
     assert (poses.colours[:, :6] == [0xC1, 0x27, 0x2D]).all()
     assert poses.members.scale[:, 6:, 0][slack].max() < poses.members.scale[:, 6:, 0][~slack].min()
+
+
+def still(scene):
+    """Two frames in which nothing moves."""
+    q, none = np.stack([np.asarray(scene.structure.nodes, float)] * 2), jnp.array(0)
+    return jaxgrity.Trajectory(np.array([0.0, 0.1]), q, 0 * q, none, none, none, "rk4", 1e-3, scene)
+
+
+def test_rigid_bodies_are_drawn(tmp_path):
+    """As lines between all their points, in replays, figures and films; robots of bodies may have nothing else."""
+    nodes = np.array([[0.0, 0, 0.1], [0.3, 0, 0.1], [0.1, 0.3, 0.1], [0.1, 0.1, 0.4]])
+    body = jaxgrity.model.rigid_body(nodes, range(4), 1.0, [0.01, 0.01, 0.01])
+    scene = jaxgrity.Scene(jaxgrity.Structure(nodes, np.zeros(4), bodies=(body,)))
+    motion = still(scene)
+    poses = robot_poses(scene, motion, 20.0)
+    far = np.linalg.norm(nodes[:, None] - nodes, axis=-1)[np.triu_indices(4, 1)]
+    np.testing.assert_allclose(np.sort(poses.bodies.scale[..., 2], axis=1), [np.sort(far)] * 2, rtol=1e-6)
+    assert poses.members.scale.shape == (2, 0, 3)
+    view.save_html(scene, motion, tmp_path / "replay.html")
+    lines = jaxgrity.report.plot.still_figure(scene, motion).axes[0].collections
+    assert [len(each.get_segments()) for each in lines if hasattr(each, "get_segments")] == [6, 6]
+    with pytest.raises(jaxgrity.InputError, match="the structure has no members"):
+        jaxgrity.report.plot.force_figure(scene, motion)
+    for camera in ("whole", "follow"):
+        jaxgrity.report.animate(scene, motion, tmp_path / f"{camera}.gif", camera=camera)
+
+
+def test_struts_that_touch_the_ground_are_as_thick_as_they_are():
+    """Those with a radius; others as ever."""
+    nodes = np.array([[0.0, 0, 0.1], [1.0, 0, 0.1], [0.0, 1, 0.1], [1.0, 1, 0.1]])
+    struts = jaxgrity.Members(((0, 1), (2, 3)), [1e4, 1e4], [1.0, 1.0])
+    scene = jaxgrity.Scene(jaxgrity.Structure(nodes, np.ones(4), struts), ground=jaxgrity.PenaltyGround(1e4))
+    scene = jaxgrity.with_contact_along_struts(scene, 1, struts=(1,), radius=0.05)
+    np.testing.assert_allclose(robot_poses(scene, still(scene), 20.0).members.scale[..., 0], [[0.014, 0.05]] * 2)
 
 
 def test_frames_are_those_nearest_to_the_rate(rolling_robot):
