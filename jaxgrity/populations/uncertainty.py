@@ -267,8 +267,7 @@ def _uniform(
 def _slackened(scene: Scene, share: AnyArray) -> AnyArray:
     """(robots, cables), the factors of rest lengths that raise tensions in the built shape by a share (robots, 1)."""
     cables, nodes = _cables(scene), jnp.asarray(scene.structure.nodes, share.dtype)
-    built = path_lengths(cables, edge_vectors(nodes, cables.edges), nodes)
-    return 1 - share * (built / cables.rest_length - 1)
+    return 1 - share * (path_lengths(cables, edge_vectors(nodes, cables.edges), nodes) / cables.rest_length - 1)
 
 
 def _leaning(key, lean: AnyArray) -> AnyArray:
