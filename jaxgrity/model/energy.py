@@ -20,6 +20,7 @@ from jaxgrity.model.laws import (
     same_roles,
     unchanged,
 )
+from jaxgrity.model.pulleys import path_lengths
 from jaxgrity.model.structure import Members
 
 UP = (0.0, 0.0, 1.0)
@@ -67,7 +68,7 @@ class CableSprings(EnergyTerm):
 
     def energy(self, at: Configuration) -> Scalar:
         cables = self.cables
-        longer = at.length("cables") - rest_length(cables, self.gait, at.t, self.first)
+        longer = path_lengths(cables, at.vector("cables"), at.q) - rest_length(cables, self.gait, at.t, self.first)
         stretch = positive_part(added_up(longer, cables.clusters))
         assert cables.stiffness is not None, "cables are springs"
         return half_squares(in_series(cables.stiffness, cables.clusters), stretch)
