@@ -6,6 +6,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
+from jaxgrity.model.dissipation import CapstanFriction
 from jaxgrity.model.friction import SwitchFriction
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.pulleys import built_lengths
@@ -27,7 +28,9 @@ def describe(scene: Scene) -> str:
     them says so.
     """
     modelled = list(dict.fromkeys(law.name for law in scene.laws))
-    absent = [kind.name for kind in (*KNOWN_LAWS, *KNOWN_FRICTIONS) if kind.name not in modelled]
+    # few scenes have pulleys: that these have no friction says nothing of the others
+    kinds = [kind for kind in (*KNOWN_LAWS, *KNOWN_FRICTIONS) if kind is not CapstanFriction]
+    absent = [kind.name for kind in kinds if kind.name not in modelled]
     (absent if scene.gait is None else modelled).append("gait")
     lines = [
         ("modelled", ", ".join(modelled) or "-"),
