@@ -132,7 +132,7 @@ def on_drums(members: Any, d: MemberVectors, q: NodeVectors) -> tuple[dict, dict
 def built_lengths(members: Any, nodes: NodeVectors) -> np.ndarray:
     """`path_lengths` with nodes as built, m; NumPy, for use before a simulation."""
     x, (i, j) = np.asarray(nodes), np.asarray(members.edges, int).reshape(-1, 2).T
-    return path_lengths(members, x[i] - x[j], x)
+    return np.asarray(path_lengths(members, x[i] - x[j], x))
 
 
 def check_pulleys(members: Any) -> None:

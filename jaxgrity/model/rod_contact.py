@@ -214,7 +214,8 @@ def strut_distances(scene: Scene, q: NodeVectors) -> AnyArray:
     On penalty contact there is a number for each point, on exact contact one for each strut: infinite where an end is
     nearer.
     """
-    ground, found = scene.ground, [jnp.full(1, jnp.inf, q.dtype)]
+    ground = scene.ground
+    found: list[AnyArray] = [jnp.full(1, jnp.inf, q.dtype)]
     if isinstance(ground, ExactGround) and ground.capsules is not None and ground.surface is not None:
         found.insert(0, -depths(ground, q))
     for points in (law.points for law in scene.terms if isinstance(law, RodContact)):

@@ -81,6 +81,7 @@ def sized_members(
     E, density, stress = (
         None if value is None else _each(name, value, count) for name, value in zip(Material._fields, material)
     )
+    assert E is not None, "each material has a Young's modulus"
     return Members(
         edges=edges,
         stiffness=E * A / L,
