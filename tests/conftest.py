@@ -20,10 +20,9 @@ import pytest
 from meter import Meter
 
 # Kernels made as the commands have them made (jaxgrity.cli.script), and each program in one piece: a test process has
-# one core. Without LLVM's optimisation programs are slower, and made in half the time: tests wait for the latter.
+# one core.
 KERNELS = "--xla_cpu_use_fusion_emitters=false" if jax.__version_info__ < (0, 11) else ""
-MADE = "--xla_cpu_parallel_codegen_split_count=1 --xla_backend_optimization_level=0"
-os.environ.setdefault("XLA_FLAGS", f"{KERNELS} {MADE}".strip())
+os.environ.setdefault("XLA_FLAGS", f"{KERNELS} --xla_cpu_parallel_codegen_split_count=1".strip())
 
 jax.config.update("jax_enable_x64", True)
 
