@@ -20,7 +20,7 @@ from jaxgrity.stepping.complementarity import (
     one_robot,
 )
 from jaxgrity.stepping.coupled import coupled_impulses
-from jaxgrity.stepping.strut_contacts import TouchingStruts, led, points_between, touching_struts
+from jaxgrity.stepping.strut_contacts import TouchingStruts, points_between, touching_struts
 
 LARGEST_SPEED_ERROR = 1e-3
 """Largest difference, m/s for a body of one metre, between a velocity and what the impulses make of it, where struts
@@ -53,14 +53,9 @@ class CoupledImpulses(Complementarity):
         free = self._carried(scene, t0, t1, v + kick * a)
         # robots that rest or slide need nearly the impulses of their last step: Newton's method begins there
         found = solve(scene, (h, t1), start, free, free, memory.impulses, touching)
-        if touching.each_other is not None:
-            # points run along struts by a velocity that only the first solution shows
-            follow = self.lift(led, ("s", None, -1, -1, -1))
-            touching = touching._replace(each_other=follow(scene, h, start, touching.each_other, found.velocity))
         if scene.dissipates:
             _, a = terms.vf(t0, (q, (v + found.velocity) / 2), forces)
             free = self._carried(scene, t0, t1, v + kick * a)
-        if scene.dissipates or touching.each_other is not None:
             found = solve(scene, (h, t1), start, free, found.velocity, found.impulses, touching)
         fastest = LARGEST_SPEED_ERROR * speed_scale(scene)
         met = (found.stretch <= LARGEST_LENGTH_ERROR) & (found.error <= fastest)

@@ -6,7 +6,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.elementwise import larger, smaller
 from jaxgrity.core.primitives import dot, inverse, length, scale
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, Scalar, State
 from jaxgrity.model.scales import length_scale
@@ -24,8 +23,6 @@ APART = 0.02
 ADVANCES = 32
 """Most moves of two struts along their ways, each as far as they cannot touch, until they do or the step ends. Struts
 that meet head-on need one or two."""
-FIXED = -1
-"""Marks a point that keeps its place on both struts in the step."""
 TOUCHED = 1e-3
 """Gap at which that search ends, as a share of the distance of the axes where struts touch."""
 
@@ -43,8 +40,6 @@ class StrutContacts(NamedTuple):
     """whether there is such a point"""
     rows: AnyArray
     """(points,): its number among those of all pairs"""
-    which: AnyArray
-    """(points,): the one of the `candidates` that it follows in the step, or `FIXED`"""
     missed: AnyArray
     """whether a pair that is not among them may touch in the step"""
 
@@ -101,25 +96,7 @@ def strut_contacts(scene: Scene, h: Scalar, start: State) -> StrutContacts | Non
     axes = frame_axes(frame_about(*normal.T))
     each = _weights(law, numbers, at, len(start[0]))
     free = jnp.asarray(scene.structure.free.any(1))
-    found = found & jnp.any((each != 0) & free, axis=1)
-    follows = jnp.stack([which[:, 0], jnp.where(elsewhere, FIXED, which[:, 1])], axis=1).ravel()
-    return StrutContacts(axes, gap, each, found, rows, follows, missed)
-
-
-def led(scene: Scene, h: Scalar, start: State, points: StrutContacts, near: NodeVectors) -> StrutContacts:
-    """The same points, with gaps that are right for a step with velocities `near`, m/s, instead of those at the start.
-
-    With `near`, the distance along the normal is that where the points have moved to along both struts. Directions of
-    impulses remain, so that energy is kept to second order (SHAKE). Where a gap becomes smaller than before, struts
-    leave each other at most as fast as they came: no impulse gains energy by that.
-    """
-    between, numbers = cast(ExactStrutContact, exact_strut_contact(scene)).between, points.rows // POINTS
-    following = cast(Ends, tuple(x[numbers] for x in between.at_ends(start[0] + h * near)))
-    distance = length(difference(following, _chosen(following, points.which)))
-    way, predicted = (h * dot(points.weights @ v, points.axes[:, 0]) for v in (start[1], near))
-    gap = distance - jnp.asarray(between.apart, distance.dtype)[numbers] - predicted
-    gap = larger(gap, smaller(points.gap, smaller(way, 0 * way)))
-    return points._replace(gap=jnp.where(points.which == FIXED, points.gap, gap))
+    return StrutContacts(axes, gap, each, found & jnp.any((each != 0) & free, axis=1), rows, missed)
 
 
 def moved_ends(ends: Ends, ways: Ends, share: PerMember) -> Ends:
