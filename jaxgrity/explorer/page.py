@@ -158,9 +158,9 @@ class Page:
     def _roll(self) -> None:
         assert self._robot is not None, "a robot is chosen before it rolls"
         rolled = self._robot.roll(self.values)
-        self.rollouts += 1
         self._words.content = rolled.words(None)
         self._show(rolled)
+        self.rollouts += 1
         bar = self._robot.error_bar(rolled, self._wanted.is_set) if rolled.poses is not None else None
         if bar is not None:
             self._words.content = rolled.words(bar)
