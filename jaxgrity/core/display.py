@@ -74,7 +74,7 @@ def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str
     deviation, error, failed = robots["standard_deviation"], robots["standard_error"], robots.get("failed", 0)
     lost = f"{failed} robot{'s' * (failed != 1)} failed" if failed else ""
     if deviation is None or not math.isfinite(deviation):
-        return f"not known ({lost})"
+        return f"not known ({lost})" if failed else "not known"
     if not deviation:
         return f"{significant(robots[mean])} {unit}".rstrip() + (f" ({lost})" if failed else "")
     known = with_error(robots[mean], None if error is None else COVERING * error, f" {unit}".rstrip())

@@ -214,14 +214,13 @@ def strut_distances(scene: Scene, q: NodeVectors) -> AnyArray:
     On penalty contact there is a number for each point, on exact contact one for each strut: infinite where an end is
     nearer.
     """
-    ground = scene.ground
-    found: list[AnyArray] = [jnp.full(1, jnp.inf, q.dtype)]
+    ground, found = scene.ground, list[AnyArray]()
     if isinstance(ground, ExactGround) and ground.capsules is not None and ground.surface is not None:
-        found.insert(0, -depths(ground, q))
+        found.append(-depths(ground, q))
     for points in (law.points for law in scene.terms if isinstance(law, RodContact)):
         at_points = points.ground(scene)
-        found[:0] = [] if at_points is None else [points.distances(at_points, points.of(q))]
-    return jnp.concatenate(found)
+        found += [] if at_points is None else [points.distances(at_points, points.of(q))]
+    return jnp.concatenate([*found, jnp.full(1, jnp.inf, q.dtype)])
 
 
 def set_above(scene: Scene, q: NodeVectors, distance: Scalar) -> NodeVectors:

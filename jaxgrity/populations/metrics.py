@@ -1,6 +1,5 @@
 """Actuators' energy and forces, and contact with the ground, summed step by step for a whole population."""
 
-import operator
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -148,9 +147,10 @@ def _lengthened(scene: Scene, step: Step, numbers: tuple[int, ...], impulses: bo
     for members, rows, first in _by_kind(scene, numbers):
         between = impulses and members.rigid
         began = step.t0 - step.before.memory.step_size if between else step.t0
-        ends = (rest_length(members, scene.gait, t, first) for t in (step.t0 + step.h, began))
-        change = take_rows(operator.sub(*ends), rows)
-        parts.append(change / 2 if between else change)
+        change = rest_length(members, scene.gait, step.t0 + step.h, first) - rest_length(
+            members, scene.gait, began, first
+        )
+        parts.append(take_rows(change / 2 if between else change, rows))
     return _in_order(numbers, parts)
 
 
