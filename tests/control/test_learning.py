@@ -214,8 +214,11 @@ def test_a_run_of_another_task_is_not_resumed(tmp_path):
 @pytest.fixture(scope="module")
 def travelling():
     """An environment for headings, with episodes of half a second, and the library's policy for them."""
-    env = environment("heading", load_scene("exact"), options=SolverOptions(dt=0.01, dtype="float32"), seconds=0.5)
-    return env, load_policy("heading")
+    return travelling_environment("float64"), load_policy("heading")
+
+
+def travelling_environment(dtype):
+    return environment("heading", load_scene("exact"), options=SolverOptions(dt=0.01, dtype=dtype), seconds=0.5)
 
 
 @pytest.fixture(scope="module")
@@ -231,11 +234,13 @@ def start_of(motion):
 
 @pytest.mark.slow
 def test_a_deployed_policy_moves_as_in_its_episode(travelling, expected):
-    """From the same start, for the heading that was drawn, of whatever length, and for a goal far along it."""
+    """From the same start, for the heading that was drawn, of whatever length, and for a goal far along it.
+
+    In double precision: in single precision two programs of the same motion are 1.5e-5 m apart on some processors.
+    """
     (env, policy), (expected, aim) = travelling, expected
-    for way in ({"heading": 3 * aim}, {"goal": 1e5 * aim}):
+    for way in ({"heading": 3 * aim}, {"goal": 1e7 * aim}):
         motion = simulate_policy(env.plant, Deployed(env, policy, **way), 0.5, start=start_of(expected))
-        assert motion.positions.dtype == np.float32
         np.testing.assert_allclose(motion.commands.contraction, expected.commands.contraction, atol=1e-5)
         np.testing.assert_allclose(motion.positions, expected.positions, atol=1e-5)
     other = simulate_policy(env.plant, Deployed(env, policy, heading=-aim), 0.5, start=start_of(expected))
@@ -256,12 +261,15 @@ def test_a_deployed_policy_for_any_direction_moves_as_in_its_episode():
 
 @pytest.mark.slow
 def test_a_deployed_policy_drives_many_robots_as_one(travelling, expected):
-    (env, policy), (expected, aim) = travelling, expected
+    """In single precision, in which each of them moves as all others, and near the one of double precision."""
+    (_, policy), (expected, aim) = travelling, expected
+    env = travelling_environment("float32")
     many, deployed = side_by_side(env.plant, 8), Deployed(env, policy, heading=aim)
-    start = tuple(np.repeat(x[..., None], 8, axis=-1) for x in start_of(expected))
+    start = tuple(np.repeat(x[..., None], 8, axis=-1).astype(np.float32) for x in start_of(expected))
     end = drive(many, deployed, loop_start(many, deployed, jax.random.key(0), start), 50)
-    path = centre_path(expected.scene, expected)
-    np.testing.assert_allclose(end.path[-1], np.repeat(path[-1][:, None], 8, axis=1), atol=1e-5)
+    assert end.path.dtype == np.float32
+    np.testing.assert_array_equal(end.path[-1], np.repeat(end.path[-1][:, :1], 8, axis=1))
+    np.testing.assert_allclose(end.path[-1, :, 0], centre_path(expected.scene, expected)[-1], atol=1e-4)
 
 
 def test_deployed_policies_that_do_not_fit_are_refused(travelling):
