@@ -234,6 +234,7 @@ def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
 # bad input
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -331,6 +332,7 @@ def test_a_refusal_ends_with_exit_code_2():
     assert done.errors.strip() == "error: duration = 0 s: expected a positive number"
 
 
+@pytest.mark.slow
 def test_a_picture_that_fails_costs_this_picture(monkeypatch, tmp_path, capsys):
     """With a line; the others are there, and the summary follows."""
 
@@ -413,6 +415,7 @@ def test_inspect_leaves_the_report_and_a_figure(jaxgrity, tmp_path):
     assert (tmp_path / "forces.png").stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_catalogue_lists_what_scene_files_can_name(jaxgrity, tmp_path):
     """Each kind with its keys; their pictures, unless it is to be quick."""
     done = jaxgrity("catalogue", "--out", tmp_path)

@@ -55,6 +55,7 @@ def of_own_process(code: str, *arguments: str, **how) -> str:
     return subprocess.run(words, capture_output=True, text=True, check=True, **how).stdout
 
 
+@pytest.mark.slow
 def test_python_runs_the_package_as_the_command():
     """`python -m jaxgrity` and `jaxgrity` say the same, and the first word comes before JAX."""
     code = (
@@ -82,6 +83,7 @@ def test_help_imports_nothing_that_takes_long(arguments):
     assert not HEAVY & set(imported.split())
 
 
+@pytest.mark.slow
 def test_the_first_word_comes_before_jax():
     """A command says its name as soon as its settings are read; its modules are imported after that."""
     code = (
@@ -150,6 +152,7 @@ def test_simulate_makes_few_programs(tmp_path):
     assert (tmp_path / "out" / "forces.png").exists()
 
 
+@pytest.mark.slow
 def test_frames_that_fill_a_program_are_not_among_the_results():
     """Of motions shorter than the room that programs have for them."""
     audit, growth = energy_audit(swept(), 0.05), sensitivity(swept(), 0.3)

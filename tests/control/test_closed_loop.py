@@ -42,6 +42,7 @@ def test_an_open_loop_is_the_gait(scene, rolled):
     assert np.ptp(own.positions[:, 0, 2]) > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["exact", "reference"])
 def test_forces_of_a_closed_loop_are_those_of_its_commands(name, scene, tmp_path):
     """Also from the file that the motion is saved to. Commands are linear between control periods, the gait is not.

@@ -71,7 +71,7 @@ def test_two_updates_are_one_and_one_more(env, first):
     np.testing.assert_array_equal(both.ages, (np.asarray(first.ages) + 6) % 25)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_an_episode_is_the_motion_that_trials_judge(env, first):
     """Mean progress of the task speed is that of the averaged velocity, which follows from the centre's path."""
     policy = first.policy
@@ -247,7 +247,7 @@ def test_a_deployed_policy_moves_as_in_its_episode(travelling, expected):
     assert np.abs(other.positions[-1] - expected.positions[-1]).max() > 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_deployed_policy_for_any_direction_moves_as_in_its_episode():
     """In double precision, with motors that lag and stall, whose positions follow from no command."""
     motors = MotorLimits(rate=1.0, lag=0.03, force=20.0, stroke=0.4)

@@ -336,7 +336,7 @@ def test_robots_are_led_to_goals_and_never_touch_without_being_told(scene):
     assert np.all(found.spread == 0)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_ways_spread_where_robots_of_the_model_differ(scene):
     """In their friction: robots of equal friction go the same way."""
     spreads = [led(scene, [NOTHING], NEAR._replace(friction=friction)).spread for friction in ((1.0, 1.0), (0.5, 1.5))]

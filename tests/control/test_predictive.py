@@ -43,7 +43,7 @@ def straight_on(sampling):
     return np.zeros(1, int), np.zeros((sampling.knots, 1))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_robot_that_is_led_to_a_goal_comes_closer_than_one_that_is_not(walker):
     """The goal is behind where the open loop rolls to; the model is the robot itself."""
     plant, policy = walker
@@ -156,7 +156,7 @@ def test_gaits_of_several_frequencies_have_no_cycle_to_jump_in(walker):
         control.gait_choices(jaxgrity.load_scene("exact").structure, {"odd": odd.policy})
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_one_robot_is_led_as_many_of_one(walker):
     """And has no axis of robots in its journey."""
     plant, policy = walker
@@ -211,7 +211,7 @@ def test_a_bend_turns_the_heading_of_a_learned_policy(learned):
         control.lead_to(plant, plant, goal, np.ones(2))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_learned_policy_is_led_round_a_post(learned):
     """Which stands on its way where it is not led."""
     plant, policy = learned

@@ -40,6 +40,7 @@ def to_block(q):
     return np.minimum(q[..., 2], to_box(q, np.array([0.3, 0.2, 0.15]), (0.3, 0.4, 0.5)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ground", "distance"),
     [
@@ -59,7 +60,8 @@ def test_robots_start_as_far_above_any_ground_as_the_task_says(ground, distance,
     assert not np.any(v)
 
 
-@pytest.mark.parametrize("name", [pytest.param("exact", marks=pytest.mark.slow), "reference"])
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", ["exact", "reference"])
 def test_struts_that_touch_between_their_ends_start_above_a_post(name):
     """As far as the task says, by points along all struts; as built, and turned: the post is below the robot's middle,
     where it has few nodes."""
@@ -78,6 +80,7 @@ def test_struts_that_touch_between_their_ends_start_above_a_post(name):
     assert np.mean(nodes.min(1) > WANTED + 0.01) > 0.1
 
 
+@pytest.mark.slow
 def test_robots_start_as_far_above_bumps_as_the_task_says(scene):
     """By the nearest of many points of the ground."""
     env = control.environment("bumps", scene)

@@ -14,6 +14,7 @@ NODES = 6
 pairs = st.tuples(st.integers(0, NODES - 1), st.integers(0, NODES - 1)).filter(lambda pair: pair[0] != pair[1])
 
 
+@pytest.mark.slow
 @given(st.lists(pairs, min_size=1, max_size=12, unique=True), st.integers(0, 99))
 def test_one_robot_and_a_population_sum_alike(edges, seed):
     """By the transpose of the difference."""

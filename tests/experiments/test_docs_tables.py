@@ -44,6 +44,7 @@ def copied(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "count"), BLOCKS.items())
 def test_page_says_what_was_measured(name, count):
     """Each table of a page holds what its file in docs/measured/ says; its pictures and links are there."""

@@ -428,7 +428,7 @@ def test_robots_are_designed(tmp_path):
     assert words("design_gradient", climbed).startswith("| power allowed |")
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_damping_of_the_spine_is_not_told(tmp_path):
     """Quick size: what the table of docs/validation.md about it is made of."""
     facts = quick("measurements/spine_dynamics.py", tmp_path)

@@ -69,7 +69,7 @@ def test_knobs_where_they_are_change_nothing(exact):
     np.testing.assert_allclose(after.positions, before.positions, atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_cost_of_transport_is_the_objectives():
     """From the work of all steps: between frames it came out 20 % too small, with stiff struts."""
     robot = chosen_robot("reference", OWN, "lasting", DURATION)

@@ -23,6 +23,7 @@ def test_good_files_are_read(tmp_path):
             assert outcome(path)["kind"] == "read", path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [".toml", ".yaml", ".xml", ".mat", ".csv"])
 def test_three_hundred_damaged_files(ending, tmp_path):
     """Cut off, with noise, other values, lines lost or there twice: no error but the one for bad input, in one line."""
@@ -32,7 +33,7 @@ def test_three_hundred_damaged_files(ending, tmp_path):
     assert sum(each["kind"] == "refused" for each in found) > 100
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_bombs_are_refused():
     """In a process of their own, whose memory stays below a gigabyte."""
     environment = os.environ | {"PYTHONPATH": str(HERE.parents[1])}

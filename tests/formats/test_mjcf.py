@@ -63,9 +63,8 @@ def test_free_flight_of_spring_struts_agrees(kind):
     assert np.abs(fallen - fallen.mean(0)).max() > 1e-4
 
 
-@pytest.mark.parametrize(
-    "seed", [pytest.param(0, marks=pytest.mark.slow), *(pytest.param(k, marks=pytest.mark.campaign) for k in (1, 2, 3))]
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("seed", range(4))
 def test_random_robots_that_are_written_and_read_agree(seed, tmp_path):
     """Far from rest, some cables slack: read as they were, and after 0.5 s where MuJoCo moves them, within 1e-6 m."""
     shape, random = random_tensegrity(4, seed), np.random.default_rng(seed)
@@ -224,7 +223,7 @@ def test_frictions_that_differ_become_the_largest(reference):
         assert any(words in note for note in written.notes)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_lasting_gait_rolls_in_both():
     """The penalty twin of its scene: MuJoCo's contact is another, so that speeds agree roughly and not exactly."""
     scene = penalty_twin(with_gait(load_scene("exact"), load_gait("lasting")))

@@ -137,7 +137,7 @@ def test_joints_and_supports_are_those_of_the_scene(closed, within):
     assert np.linalg.norm(ours - scene.structure.nodes, axis=1).max() > 0.2
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_gait_drives_hinges_as_in_the_scene():
     """Two cables beside each hinge, which do not go slack: within 1e-6 m after 0.5 s, where it is bent.
 
@@ -150,7 +150,7 @@ def test_a_gait_drives_hinges_as_in_the_scene():
     assert np.linalg.norm(moved - moved.mean(0), axis=1).max() > 5e-4
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("kind", ["quadruped", pytest.param("capped_robot", marks=pytest.mark.campaign)])
 def test_settled_heights_agree(kind):
     """The middle of the nodes at rest: within the penetration of MuJoCo's contact."""
@@ -170,6 +170,7 @@ READ = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", READ.values(), ids=READ)
 def test_what_is_written_is_read(make, tmp_path):
     """The same nodes, bodies, joints, supports, cables and balls, which MuJoCo moves alike.

@@ -66,6 +66,7 @@ def stiffer() -> Identified:
     return identify(hanging(), [STIFFNESS], poses(seen))
 
 
+@pytest.mark.slow
 def test_stiffness_and_its_error_are_those_of_the_closed_form(stiffer):
     """dz/dlogK = m g/K: s = noise/|dz/dlogK| over the loads that were seen; and the prior's pull is below that."""
     slope = 2 * np.delete(LOADS, 3) * 9.81 / 120
@@ -92,6 +93,7 @@ def test_intervals_widen_where_the_model_does_not_fit():
     np.testing.assert_allclose(found.covariance, told.covariance * found.misfit**2, rtol=0.1)
 
 
+@pytest.mark.slow
 def test_what_data_cannot_tell_gets_no_number():
     """Poses tell stiffness over mass alone: neither of the two, and one combination, their product."""
     found = identify(hanging(), [STIFFNESS, MASS], poses(heights(120.0)))

@@ -39,7 +39,7 @@ def test_the_speed_of_what_turns_is_about_its_centre(angle):
     np.testing.assert_allclose(speeds, 0.5, rtol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_slopes_are_those_of_orbits_found_anew(crawler):
     """By central differences of long rollouts."""
     scene, orbit, options = crawler

@@ -36,6 +36,7 @@ def test_pairs_that_cannot_be_are_refused():
         assert each["end"] == "refused", each
 
 
+@pytest.mark.slow
 def test_ends_of_uses_are_told_apart():
     """A fault of a use is no refusal."""
 

@@ -80,6 +80,7 @@ def test_bad_arguments_are_refused(make, message):
         make()
 
 
+@pytest.mark.slow
 def test_arguments_of_other_types_are_refused():
     """In a process of its own: here annotations are checked, and would speak first."""
     program = """
@@ -168,6 +169,7 @@ def test_what_acts_on_nodes_that_are_not_there_is_refused(reference):
         replace(held, shaking=Shaking([0.1, 0, 0], 1.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ground", [PenaltyGround(1e4, 2.0), ExactGround()])
 def test_ground_that_ends_in_nothing_is_a_failure(ground):
     """Two nodes slide to where the height is no number, on the ground and above it."""

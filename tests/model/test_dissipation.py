@@ -65,6 +65,7 @@ def cable_damping_force(v, q):
     return dissipative_force(v, q, cables=members(1.0))
 
 
+@pytest.mark.slow
 @given(velocities, positions)
 def test_strut_damping_acts_along_the_member_against_its_rate(v, q):
     expected = paper_damping(q, v, lambda length: True)

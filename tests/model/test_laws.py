@@ -113,6 +113,7 @@ def test_every_law_of_the_library_acts_somewhere(scenes):
     assert {type(scene.friction) for scene in scenes} == concrete(Friction)
 
 
+@pytest.mark.slow
 def test_scenes_describe_every_law_that_acts(scenes):
     """Under "modelled", and all others under "not modelled", but for friction on pulleys, which few scenes have."""
     names = {kind.name for kind in (*KNOWN_LAWS, *KNOWN_FRICTIONS) if kind is not CapstanFriction}

@@ -137,6 +137,7 @@ def test_a_pulley_in_a_body_has_no_force_or_moment_from_outside(mu):
     np.testing.assert_allclose(np.cross(scene.structure.nodes, force).sum(0), 0, atol=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", [None, 0.3])
 def test_powers_of_cables_over_pulleys_are_booked(booked, mu):
     """Of dampers, whose rate is that of the length, and of friction, which never drives."""
@@ -167,7 +168,7 @@ def swing(radius=0.1, gait: Gait | None = None, ground=None) -> Scene:
     return dataclasses.replace(scene, gait=gait, ground=ground)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(("ground", "share"), [(None, 1e-7), (ExactGround(), 1e-3)], ids=["rk4", "exact"])
 def test_a_pulley_that_rolls_along_its_cable_keeps_energy(ground, share):
     audit = energy_audit(swing(ground=ground), 0.6, options=SolverOptions(dt=5e-4), frame_rate=20.0)
@@ -188,7 +189,7 @@ def test_derivative_in_the_radius_is_that_of_differences():
     assert float(jax.grad(height)(0.1)) == pytest.approx(differences, rel=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_one_of_many_robots_with_pulleys_moves_as_it_does_alone():
     gait = Gait((0,), [0.0], [0.2], [1.0], ramp=0.2)
     scene, options = swing(gait=gait), SolverOptions("rk4", 1e-3, any_step=True)

@@ -41,6 +41,7 @@ def test_the_ground_carries_the_weight(standing, name):
     np.testing.assert_allclose(net, 0, atol=0.02 * weight)
 
 
+@pytest.mark.slow
 def test_springs_pull_by_their_law(standing):
     """K (l - L) of cables at rest, and none below zero; struts push."""
     scene, trajectory, forces = standing["reference"]

@@ -135,6 +135,7 @@ def test_the_population_stays_last_in_memory(members):
     assert "transpose" not in names
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "surface",
     [
@@ -308,7 +309,7 @@ def test_what_gaits_share_is_prepared_once(swimmer, monkeypatch):
     assert len(prepared) == len(scenes)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_what_is_kept_is_as_it_was(swimmer, monkeypatch):
     """Of a call inside of a compiled function, and of arrays that are changed afterwards."""
     gaits = gaits_of(swimmer.gait, random_phases(2, 2, seed=0))
@@ -337,7 +338,7 @@ def test_a_gait_that_runs_at_the_start_is_refused_where_struts_are_rigid(exact, 
         simulate_population(exact, gaits_of(running, random_phases(2, 6, seed=0)), 0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_gaits_that_run_at_the_start_go_on_from_a_pose_of_theirs(exact):
     """Rigid struts have the lengths of that moment, not those that they are built with."""
     gaits = gaits_of(exact.gait, random_phases(2, 6, seed=0))
@@ -357,7 +358,7 @@ def _in_rows(gait, rows):
     return eqx.tree_at(lambda g: (g.phase, g.amplitude, g.frequency), gait, (rows, rows, rows))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", ["exact", "reference"])
 def test_faster_rollouts_end_where_slower_ones_did(name):
     """16 gaits after 4 s in float64, against an earlier version of the library, which took twice the time."""

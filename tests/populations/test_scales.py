@@ -209,7 +209,7 @@ def spinning() -> Scene:
     return Scene(Structure([[0.0, 0, 0], [1.2, 0, 0]], [1.0, 3.0], struts=members))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_without_gravity_the_fastest_mode_says_how_fast_a_body_is():
     """A trust report: error bars, energies, sensitivity and horizon of a motion that only springs drive."""
     scene, known = spinning(), None

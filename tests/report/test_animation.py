@@ -56,6 +56,7 @@ def where(picture, colour):
     return np.argwhere(np.abs(picture - ImageColor.getrgb(colour)).max(-1) < 24)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frame_rate", "durations"),
     [

@@ -42,6 +42,7 @@ def figures(motion):
     }
 
 
+@pytest.mark.slow
 def test_letters_are_readable_where_a_page_shows_them(figures):
     """At least 8 points; figures that are narrower than the page are not enlarged."""
     for name, figure in figures.items():

@@ -103,6 +103,7 @@ def test_the_saved_page_draws_and_plays_from_disk_without_a_network(rolling_robo
         browser.quit()
 
 
+@pytest.mark.slow
 def test_a_long_replay_is_small(rolling_robot):
     """20 s at 50 frames a second are far below 15 MB, client and all."""
     scene, motion = rolling_robot
@@ -242,6 +243,7 @@ GROUNDS = {
 SIZE = pytest.mark.campaign, pytest.mark.slow
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=SIZE[name in ("bumps", "a ball above nothing")]) for name in GROUNDS]
 )

@@ -83,7 +83,7 @@ def test_two_hosts_find_what_one_finds():
     np.testing.assert_allclose(*values, rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_each_program_is_compiled_once_on_two_devices():
     """The three steps of an error bar share a program of rollouts, all generations and steps of polish another, in
     float32, and the last judgement has a third, in float64."""

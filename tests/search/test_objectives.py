@@ -250,7 +250,7 @@ def test_fitness_is_the_mean_less_caution_times_the_spread(judged):
     np.testing.assert_allclose(scores.fitness[[0, 2]], good.mean(1) - 1.5 * good.std(1), rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_each_robot_is_worth_what_it_does(exact, judged):
     """As rolled out from the same draws; all robots of a gait stand in its row."""
     problem, gaits, scores = judged

@@ -364,6 +364,7 @@ def test_a_random_structure_can_be_searched(exact, config):
     assert abs(told.distance[0] - moved) <= 2 * told.error_bar[0] + 1e-3
 
 
+@pytest.mark.campaign
 def test_a_bound_on_force_that_binds_is_kept(exact, config):
     """Below what the best gait of a search without it needs: what is found needs less, or is said to exceed it."""
     loose = search_gaits(exact, dataclasses.replace(config, polish=None))

@@ -105,6 +105,7 @@ def test_a_tower_of_rigid_struts_far_from_rest_settles():
     np.testing.assert_allclose(edge_lengths(found.q, structure.struts.edges), structure.struts.rest_length, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_one_program_gives_energy_force_and_stiffness(reference):
     """Those of U by automatic differentiation, deep in the ground and beside it."""
     scene = dataclasses.replace(reference, gait=None)

@@ -19,6 +19,7 @@ from jaxgrity.statics import inspect_structure, load_report, member_forces, rest
 from jaxgrity.statics.strength import strength_of
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "cases", [known.arches, known.kresling, known.dome, known.cantilever, known.half_t_bar, known.deployed_tower]
 )
@@ -47,6 +48,7 @@ def reports(prism):
     return {case.name: load_report(prism, case) for case in prism.loads}
 
 
+@pytest.mark.slow
 def test_the_page_shows_what_is_printed(reports):
     assert reports["wind"].table() in PAGE
 
@@ -145,6 +147,7 @@ def test_strength_of_nobody_is_no_limit():
     assert "followed             up to" in report.table()
 
 
+@pytest.mark.slow
 def test_loads_that_make_no_sense_are_refused(prism):
     jaxtyping.config.update("jaxtyping_disable", True)  # of this test alone: conftest.py sets it anew for each
     with pytest.raises(InputError, match="case = 'snow': unknown; expected one of payload, wind, up"):

@@ -101,7 +101,7 @@ def test_no_impact_makes_energy(robots, roughest, coupled):
     assert np.nanmax(gained) < turned**2
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_by_the_law_of_newton_alone_some_gain(monkeypatch):
     """Else nothing above could fail."""
     monkeypatch.setattr(complementarity, "bounce_gains", lambda *given: jnp.zeros((), bool))
@@ -122,6 +122,7 @@ def test_where_nothing_is_gained_the_law_is_that_of_newton():
     np.testing.assert_allclose(v, [[3.0 - 0.2 * 1.5 * 2.0, 0.0, 1.0]], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coupled", [False, pytest.param(True, marks=pytest.mark.campaign)])
 def test_populations_bounce_as_each_robot_does(coupled):
     """With restitution and friction, whose law is chosen robot by robot."""
@@ -158,6 +159,7 @@ CURVES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("curve", CURVES)
 def test_what_is_lost_on_a_curve_is_no_impact(curve):
     """A node without friction that slides along keeps its energy: at least as the square of the step."""
@@ -170,6 +172,7 @@ def test_what_is_lost_on_a_curve_is_no_impact(curve):
     assert np.all(np.abs(impacts) < 2e-2 * np.abs(stepping))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("half_angle", [0.1, 0.2, 0.4])
 def test_what_is_lost_in_a_valley_is_an_impact(half_angle):
     """A node that slides down one side and meets the other keeps its velocity along it: E sin^2 of the turn is lost."""

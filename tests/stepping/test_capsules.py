@@ -80,7 +80,7 @@ def test_the_nearest_point_is_where_the_rod_and_the_edge_are_nearest(surface):
             assert found.found.all()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_rod_comes_to_rest_across_a_narrow_post():
     """Where it falls past its edges with contact at nodes; and level, since it touches both edges."""
     options = SolverOptions(dt=2e-3)
@@ -194,9 +194,8 @@ def test_on_a_plane_a_capsule_is_its_two_balls():
     np.testing.assert_allclose(there.positions[-1, :, 2], 0.04, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "contact", [pytest.param("exact", marks=pytest.mark.slow), pytest.param("penalty", marks=pytest.mark.campaign)]
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("contact", ["exact", "penalty"])
 def test_reports_see_that_a_robot_rests_on_a_strut(contact):
     """Of a tetrahedron that lies across the post, with no node near the ground; and populations, of a rod."""
     nodes = np.array([[-0.5, 0.0, 0.3], [0.5, 0.0, 0.3], [0.0, -0.3, 0.5], [0.0, 0.3, 0.5]])

@@ -232,6 +232,7 @@ def test_a_strut_that_falls_over_its_light_end(masses, mu):
     assert np.abs(motion.positions[-1, 0]).max() < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mu", "dt"), [(1.0, 5e-3), (2.0, 2e-2)])
 def test_a_flat_strut_keeps_its_length_against_friction(mu, dt):
     """Four sweeps leave an error of about mu g h^2, and fail at 20 ms."""

@@ -188,6 +188,7 @@ CURVES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CURVES)
 def test_the_normal_on_a_curve_is_where_a_node_touches_it_first(name):
     """Of a node in contact at its place, of one that lands where it does, of one that does not reach the ground at the
@@ -210,6 +211,7 @@ def test_the_normal_on_a_curve_is_where_a_node_touches_it_first(name):
     np.testing.assert_allclose(met.distance[0], ground.signed_distance((q[0] + DT * follows)[None])[0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_in_a_union_nodes_follow_curves_too():
     """Bumps beside a box that is far away are as bumps alone, for nodes in contact and for one that lands."""
     hills, far = CURVES["bumps"], Box([50.0, 0.0, 0.0], [1.0, 1.0, 1.0])

@@ -45,6 +45,7 @@ def test_what_rests_does_not_move_midway(duration):
     np.testing.assert_allclose(motion.positions[:, :, 2], 0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duration", DURATIONS)
 def test_one_robot_and_many_take_the_same_steps(duration):
     """And so does the pure rollout; the step that was taken is told."""

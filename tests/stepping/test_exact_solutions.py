@@ -75,6 +75,7 @@ def size_of(title: str, name: str) -> tuple:
     return pytest.mark.slow if (title, name) in SLOW else pytest.mark.campaign
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("title", "name"),
     [

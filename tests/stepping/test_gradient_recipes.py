@@ -29,6 +29,7 @@ def test_the_recipe_for_gradients_is_that_of_a_motion(central_difference, capsys
     assert slope == pytest.approx(float(step), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_example_of_final_state_says_what_falls(central_difference):
     """Its gradient is what it prints, not 0, and what differences say."""
     tests = doctest.DocTestFinder().find(jaxgrity.final_state, globs={"jaxgrity": jaxgrity, "jax": jax, "jnp": jnp})

@@ -81,6 +81,7 @@ def order(steps, found) -> float:
     return np.polyfit(np.log(steps), np.log(found), 1)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mu", "coupled"),
     [
@@ -117,7 +118,7 @@ def test_differences_agree_over_many_steps_but_not_within_one():
     assert abs(small[3]) < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_reverse_mode_agrees_on_a_slope_as_a_surface_with_forward_mode_on_the_plane():
     """Two bounces down the slope. Where a node with a restitution of 0 stops, both modes agree too."""
     plane = dataclasses.replace(ball(0.5, 0.2), ground=ExactGround(0.1, restitution=0.5))
@@ -209,9 +210,8 @@ def tumbling(scene: Scene, dt: float, coupled: bool = False, until: float = UNTI
     return end
 
 
-@pytest.mark.parametrize(
-    "coupled", [pytest.param(False, marks=pytest.mark.slow), pytest.param(True, marks=pytest.mark.campaign)]
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("coupled", [False, True])
 def test_through_a_bounce_of_a_spinning_rod_the_derivative_is_that_of_the_closed_form(coupled):
     """The impact sets both ends in motion, and where it is depends on the angle at its time."""
     starts = jnp.array([0.45, 9.81, -0.3]) + HEIGHTS / 2

@@ -69,6 +69,7 @@ def test_both_ways_find_the_same_limit(name):
             assert not surely_stable(motion, method, 1.01 * dense), method.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["exact", "rigid", "held, with mass in cables"])
 def test_closer_bounds_are_those_of_the_dense_motion(name):
     """The largest stiffness and damping among motions that keep the constraints, at most 2 % more."""
@@ -115,6 +116,7 @@ def test_slow_growth_of_a_column_is_no_fault_of_the_step():
     assert linear.modes()[0].real.max() == pytest.approx(linearise(scene, state).modes()[0].real.max(), rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ground", [ExactGround(), PenaltyGround(1e4, 1.0)], ids=["exact", "penalty"])
 def test_memory_does_not_grow_as_the_square_of_the_nodes(ground):
     """Thousands of separate nodes on the ground: one dense matrix of their coordinates has 7 GB, or 0.6 GB."""

@@ -72,6 +72,7 @@ def in_pieces(scene: Scene, options, pieces: int):
     return state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "pieces"),
     [
@@ -156,6 +157,7 @@ def test_velocities_midway_are_those_that_contact_lets_pass():
     np.testing.assert_allclose(velocities_midway(lying, motion), 0, atol=1e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [1.0, 1e3, 1e6])
 def test_the_velocity_at_the_end_solves_its_equation(damping):
     """v = w + h/2 a(q, v), however strong dampers are, and where wind makes it nonlinear; masses differ."""

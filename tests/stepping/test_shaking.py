@@ -132,6 +132,7 @@ def test_runge_kutta_methods_know_where_supports_are():
     np.testing.assert_allclose(later.positions[-1], whole.positions[-1], rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_start_in_the_middle_of_a_motion_moves_with_its_supports():
     """What a rollout returns goes on as if nothing had been; supports at rest are refused there, or not ok."""
     scene = pendulum()

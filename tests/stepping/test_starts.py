@@ -78,6 +78,7 @@ def test_struts_have_their_lengths_of_the_time_of_the_start():
         rollout(SCENE, np.array([0.0, 0.1]), start=(end.positions[-1], end.velocities[-1]), options=options)
 
 
+@pytest.mark.slow
 def test_traced_starts_get_a_code():
     """Also by `vmap`, where others are fine."""
 

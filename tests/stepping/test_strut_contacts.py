@@ -132,7 +132,7 @@ def pile(friction=0.4, tilt=0.0, contact="exact") -> tuple[Scene, np.ndarray]:
     return with_contact_between_struts(scene, R), v
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_rod_slides_on_two_others_and_comes_to_rest():
     """After v^2/(2 mu g), with its weight on both."""
     scene, v = pile()
@@ -158,7 +158,7 @@ def test_stiff_penalty_contact_agrees():
     np.testing.assert_allclose(found, other, atol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_balance_of_a_sliding_rod():
     """Of momentum to rounding; of energy to what steps miss."""
     scene, _ = pile(friction=0.1, tilt=0.3)

@@ -188,6 +188,7 @@ def test_a_block_comes_to_rest_on_stairs(kind, dt):
         assert abs(np.sum(pressed * upward) - 2 * G) < 1.0
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("kind", "dt"), ON_STAIRS)
 def test_what_the_balance_misses_on_stairs_falls_with_the_step(kind, dt):
     """Nodes land, and pass from one face to the next, within a step, where forces jump: an error of the step alone."""
@@ -209,12 +210,10 @@ def downhill(scene, waves=3):
     )
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("name", "steps", "residuals"),
-    [
-        pytest.param("reference", [None], [1e-4], marks=pytest.mark.campaign),
-        pytest.param("exact", [1.25e-3, 2.5e-3], [1e-4, 4e-4], marks=pytest.mark.slow),
-    ],
+    [("reference", [None], [1e-4]), ("exact", [1.25e-3, 2.5e-3], [1e-4, 4e-4])],
     ids=["penalty", "exact"],
 )
 def test_a_robot_rolls_down_bumps_and_its_energy_is_booked(request, name, steps, residuals):
@@ -352,6 +351,7 @@ class Ramp(Surface):
         return (z - self.height(x, y)) / np.sqrt(np.float64(1.01))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ground", [PenaltyGround(1e4, 1.0), ExactGround()], ids=["penalty", "exact"])
 @pytest.mark.parametrize("surface", [HeightFunction(lambda x, y: np.float64(0.1) * x), Ramp()], ids=["function", "own"])
 def test_heights_in_float64_serve_a_robot_in_float32(ground, surface):

@@ -204,6 +204,7 @@ def test_cables_on_both_sides_of_a_hinge_pull_alike():
 SIZES = {kind: pytest.mark.slow if kind == "superball" else pytest.mark.campaign for kind in ROBOTS}
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("kind", [pytest.param(kind, marks=SIZES[kind]) for kind in ROBOTS])
 def test_robots_stand(kind):
     """Pushed aside for a moment: energy and momentum balance, bodies keep their shape, cables stay taut."""
