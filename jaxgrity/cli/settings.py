@@ -161,7 +161,7 @@ class SearchSettings:
     restart: bool = False
     """start again if the folder holds an unfinished search"""
     quick: bool = False
-    """small search: rollouts of at most 8 s, 16 gaits, 3 generations of screening, 256 simulations of polish"""
+    """small search: rollouts of at most 16 s, 64 gaits, 3 generations of screening, 256 simulations of polish"""
 
 
 @dataclass

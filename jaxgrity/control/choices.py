@@ -22,8 +22,6 @@ from jaxgrity.model.symmetry import image, symmetries
 
 REST = "rest"
 """Name of the gait that does nothing."""
-NO_RAMP = 1e-3
-"""Duration of the ramp with which a chosen gait begins, s: less than a control period."""
 SAME = 1e-6
 """Largest difference, in radians or as a fraction, between gaits that count as the same."""
 
@@ -119,16 +117,21 @@ def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: 
     An image that is the gait itself at another time is left out: a jump of the clock has the same effect. None of them
     has a start or a ramp, since a clock with another gait's angle would fall back into it.
 
-    Raises `InputError` without a gait, for one of several frequencies, and for gaits with different members.
+    Raises `InputError` without a gait, for one without feedback, of several frequencies or of none, and for gaits with
+    different members.
     """
     if not gaits or REST in gaits:
         raise InputError(f"gaits: {list(gaits)}; expected at least one, none of them called {REST!r}")
+    for name, locked in gaits.items():
+        if not isinstance(locked, PhaseLocked):
+            raise InputError(f"gaits: {name!r} is a {type(locked).__name__}; expected feedback: PhaseLocked(gait)")
     first = next(iter(gaits.values())).gait
     found: list[tuple[str, PhaseLocked]] = []
     harmonics = max(len(locked.gait.overtones) for locked in gaits.values())
     for name, locked in gaits.items():
-        gait = replace(locked.gait, start=np.array(0.0), ramp=np.array(NO_RAMP))
-        one_frequency(gait)
+        cycle = one_frequency(locked.gait)
+        # in full swing from one cycle before the clock's zero on: a clock may jump back
+        gait = replace(locked.gait, start=np.array(-2 * cycle), ramp=np.array(cycle))
         if gait.members != first.members:
             raise InputError(f"gaits: {name!r} has other members than the first one")
         own = [image(gait, symmetry) for symmetry in symmetries(structure)]

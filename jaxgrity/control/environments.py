@@ -123,8 +123,8 @@ class Environment:
         An action of NaN fails at once. A finished episode stays as it is, with rewards of zero. Raises `InputError` for
         an action of another shape, and for a known one that is not a number.
         """
-        if jnp.shape(action) != (self.action_size,):
-            raise InputError(f"action has shape {jnp.shape(action)}; expected ({self.action_size},), one a member")
+        if np.shape(action) != (self.action_size,):
+            raise InputError(f"action has shape {np.shape(action)}; expected ({self.action_size},), one a member")
         if not traced(action) and np.isnan(action).any():
             raise InputError(f"action = {np.asarray(action).tolist()}: expected numbers from -1 to 1, one a member")
         old, aim, average, ended = state.pipeline_state

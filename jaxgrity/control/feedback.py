@@ -85,13 +85,18 @@ class PhaseLocked(Policy):
         return contraction(self.gait, clock), (clock, t)
 
 
-def one_frequency(gait: Gait) -> None:
-    """Raise `InputError` for a gait of several frequencies: it has no common cycle in which a clock could jump."""
-    if np.ptp(np.asarray(gait.frequency)) > 0:
+def one_frequency(gait: Gait) -> float:
+    """The duration of the gait's cycle, s.
+
+    Raises `InputError` for a gait of several frequencies or of none: it has no cycle in which a clock could jump.
+    """
+    frequency = np.asarray(gait.frequency)
+    if np.ptp(frequency) > 0 or not frequency.max() > 0:
         raise InputError(
-            f"gait.frequency = {np.asarray(gait.frequency).tolist()}: expected the same for all members, "
+            f"gait.frequency = {frequency.tolist()}: expected the same for all members, above 0 Hz, "
             "for a clock that jumps to another place of the cycle"
         )
+    return 1 / float(frequency.max())
 
 
 @typed

@@ -16,6 +16,7 @@ from jaxgrity.control.tasks import TASKS
 from jaxgrity.core.arguments import check_count
 from jaxgrity.core.display import of_report
 from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.io.scene_files import load_scene
 from jaxgrity.model.scene import Scene
@@ -57,6 +58,7 @@ class GymnasiumEnvironment(gymnasium.Env):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": FRAME_RATE}
 
+    @typed
     def __init__(self, environment: Environment, render_mode: str | None = None):
         modes = self.metadata["render_modes"]
         if render_mode is not None and render_mode not in modes:
@@ -122,6 +124,7 @@ class GymnasiumVectorEnvironment(gymnasium.vector.VectorEnv):
 
     metadata = {"autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}
 
+    @typed
     def __init__(self, environment: Environment, num_envs: int = 64):
         self.environment, self.num_envs = environment, check_count("num_envs", num_envs, 1)
         self.single_observation_space, self.single_action_space = _spaces(environment)

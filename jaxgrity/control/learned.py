@@ -221,6 +221,8 @@ class Deployed(Policy):
 
 def check_acting(environment: Environment, policy: Acting) -> None:
     """Raise `InputError` for a policy that takes no such observations, or whose actions are of another number."""
+    if not callable(policy):
+        raise InputError(f"policy = {policy!r}: expected a function of observations, as load_policy makes one")
     sees, size = getattr(getattr(policy, "network", None), "in_size", None), environment.observation_size
     if sees not in (None, size):
         raise InputError(f"policy: takes observations of {sees} numbers; expected {size}, those of the environment")

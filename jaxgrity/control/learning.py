@@ -38,6 +38,9 @@ def learner(environment: Environment, key: Any, config: LearningConfig = AS_MEAS
     check_key(key)
     if config.robots % jax.device_count():
         raise InputError(f"robots = {config.robots}: expected a multiple of the {jax.device_count()} devices")
+    tries = config.robots // jax.device_count() * config.decisions
+    if config.batches > tries:
+        raise InputError(f"batches = {config.batches}: expected at most {tries}, an update's decisions on a device")
     if jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         key = jax.random.key_data(key)  # which files take
     of_policy, of_critic, of_states, of_ages, key = jax.random.split(key, 5)

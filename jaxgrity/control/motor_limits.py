@@ -33,7 +33,7 @@ class MotorLimits(eqx.Module):
         for name, value in vars(self).items():
             if value is not None and not (is_number(value) and value > 0 and np.isfinite(value)):
                 raise InputError(f"motors.{name} = {value!r}: expected a positive, finite number, or None")
-        if not self.stroke < 1:
+        if self.stroke is None or not self.stroke < 1:
             raise InputError(f"motors.stroke = {self.stroke}: expected less than 1, a fraction of a member's length")
 
 

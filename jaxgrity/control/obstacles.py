@@ -17,7 +17,6 @@ from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.solids import Box, Cylinder, Sphere
 from jaxgrity.model.surface import Slope
-from jaxgrity.model.unions import Union
 
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 """Steps on a grid in 8 directions. With their opposites, ways are at most 2.8 % longer than straight ones."""
@@ -51,8 +50,7 @@ def discs_of(ground: Ground | None) -> Discs:
     """
     if ground is None:
         raise InputError("ground: there is none; expected that of a scene with [ground]")
-    surface = ground.surface
-    parts = surface.parts if isinstance(surface, Union) else () if surface is None else (surface,)
+    parts = () if ground.surface is None else ground.surface.solids
     moved = np.zeros(3) if ground.offset is None else np.asarray(ground.offset, float)
     if moved.ndim > 1:
         raise InputError("ground.offset: that of many robots; expected the ground of one")

@@ -141,7 +141,8 @@ def plant_of(
         0.01
     """
     if not np.size(members) or np.ndim(members) != 1:
-        raise InputError(f"members = {members}: expected at least one that is actuated, as (0, 1, 2)")
+        found = members if np.ndim(members) else type(members).__name__
+        raise InputError(f"members = {found}: expected at least one that is actuated, as (0, 1, 2)")
     members = check_indices("members", members, scene.structure.member_count)
     period = check_number("period", period, above=0.0, unit="s")
     if motors.force is not None:
@@ -240,8 +241,8 @@ def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
     Differentiable in reverse mode, with recomputation step by step. Raises `InputError` for another number of
     contractions than of actuated members.
     """
-    if jnp.shape(wanted) != jnp.shape(state.contraction):
-        shapes = f"{jnp.shape(wanted)}: expected {jnp.shape(state.contraction)}"
+    if np.shape(wanted) != state.contraction.shape:
+        shapes = f"{np.shape(wanted)}: expected {state.contraction.shape}"
         raise InputError(f"commands have the shape {shapes}, one for each actuated member")
     lengths = plant.lift(lambda scene: actuated_lengths(scene.structure, plant.members), ("s",))(plant.scene)
     reached = contraction_reached(plant.motors, state.contraction, wanted, plant.period, lengths, state.tension)

@@ -11,7 +11,8 @@ from jaxgrity.stepping.starts import check_known_velocities, check_start, start_
 
 
 def possible(scene: Scene, lift: Lift, start: State, *, one: bool) -> State:
-    """The start, q and v. Robots whose constraints or supports forbid it get velocities of NaN, so that they fail.
+    """The start, q and v. Robots whose constraints or supports forbid it, or whose numbers are not finite, get
+    velocities of NaN, so that they fail.
 
     Raises `InputError` for `one` robot whose numbers are known.
     """
@@ -27,4 +28,5 @@ def possible(scene: Scene, lift: Lift, start: State, *, one: bool) -> State:
 
 
 def _impossible(scene: Scene, q: NodeVectors, v: NodeVectors) -> AnyArray:
-    return (start_failure(scene, q) != 0) | jnp.any(supports_slip(scene, v, 0.0))
+    finite = jnp.all(jnp.isfinite(q)) & jnp.all(jnp.isfinite(v))
+    return (start_failure(scene, q) != 0) | jnp.any(supports_slip(scene, v, 0.0)) | ~finite

@@ -20,7 +20,7 @@ from jaxgrity.control.obstacles import SAME_REACH, StraightWay, Way, WayMap, gap
 from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
 from jaxgrity.control.samples import Sampled, Sampling, best, between, followed, shifted, sized
 from jaxgrity.control.steering import Steered
-from jaxgrity.core.arguments import is_count
+from jaxgrity.core.arguments import check_index, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
@@ -148,6 +148,7 @@ def _checked(robot: Plant, model: Plant, choices: Choices, ways: list[Way], samp
     sense, or do not fit maps or times."""
     check_model(robot, model)
     check_one(model, "model")
+    check_index("seed", sampling.seed)
     counts = {name: getattr(sampling, name) for name in ("samples", "rounds", "knots", "per_second")}
     if not all(is_count(count, 1) for count in counts.values()) or sampling.samples % sampling.rounds:
         found = ", ".join(f"{name} = {count}" for name, count in counts.items())

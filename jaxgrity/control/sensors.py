@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import check_count
+from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, inverse, length, scale
 from jaxgrity.core.typed import typed
@@ -92,12 +92,11 @@ class Sensors(eqx.Module):
     def __check_init__(self):
         if not (isinstance(self.noise, Errors) and isinstance(self.bias, Errors)):
             raise InputError("sensors: noise and bias are no `Errors`; expected such as Errors(place=0.01)")
-        sizes = np.array([*self.noise, *self.bias], float)
-        if not (np.isfinite(sizes).all() and (sizes >= 0).all() and max(self.noise.contact, self.bias.contact) <= 1):
-            raise InputError(
-                f"sensors: noise = {self.noise}, bias = {self.bias}; expected finite numbers, none negative, "
-                "and for contact at most 1"
-            )
+        for name in ("noise", "bias"):
+            sizes: Errors = getattr(self, name)
+            for part, size in sizes._asdict().items():
+                most = 1.0 if part == "contact" else np.inf
+                check_number(f"sensors.{name}.{part}", size, least=0.0, most=most)
         check_count("sensors.every", self.every, 1)
         check_count("sensors.delay", self.delay, 0)
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.control.sensors import Observation
-from jaxgrity.core.arguments import check_each, check_number
+from jaxgrity.core.arguments import check_each, check_indices, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
-from jaxgrity.core.typed import typed
+from jaxgrity.core.typed import check_fields, typed
 from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float, as_float_or_none
 from jaxgrity.model.structure import Structure
 
@@ -45,6 +45,7 @@ class Steered(Policy):
     """m/s, below which there is hardly a direction of travel, and steering fades: less for small robots"""
 
     def __check_init__(self):
+        check_fields(self)
         check_number("slowest", self.slowest, above=0.0, unit="m/s")
         check_each("offsets", self.offsets)
         check_each("full", self.full, above=0.0, unit="rad")
@@ -101,6 +102,7 @@ class Blend(Policy):
     """of the other one"""
 
     def __check_init__(self):
+        check_fields(self)
         if self.one.members != self.other.members:
             raise InputError(f"other.members = {self.other.members}: expected {self.one.members}, those of the first")
         check_each("share", self.share, least=0.0, most=1.0)
@@ -130,10 +132,11 @@ def centre_offsets(structure: Structure, members: tuple[int, ...]) -> np.ndarray
     directions.
 
     By least squares in the built shape, in units of the largest offset. Raises `InputError` for a member that is no
-    strut.
+    strut, and without members.
     """
     struts = structure.struts
-    if struts is None or max(members) >= len(struts.edges):
+    members = check_indices("members", members)
+    if struts is None or not members or max(members) >= len(struts.edges):
         raise InputError(f"members = {list(members)}: expected struts alone, to steer by those on one side")
     x, mass = np.asarray(structure.nodes, float), np.asarray(structure.lumped_mass, float)
     i, j = np.array(struts.edges).T

@@ -27,6 +27,7 @@ MADE_BY = {
     "ResolvedOptions": "jaxgrity.stepping.resolve(scene, duration, options) makes one",
     "Orbit": "jaxgrity.orbits.find_orbit(scene) makes one",
     "Plant": "jaxgrity.control.plant_of(scene, members, ...) makes one",
+    "Environment": "jaxgrity.control.environment(task, ...) makes one",
 }
 """Advice in messages about an argument of the wrong kind, by the name of the class that the function takes."""
 READ_BY = {"Scene": "load_scene", "Gait": "load_gait"}
@@ -41,6 +42,7 @@ def typed(function: Function) -> Function:
     Checked are objects of this package, files, text and numbers; arrays have checks of their own.
     """
     signature = inspect.signature(function)
+    where = function.__qualname__.removesuffix(".__init__").rpartition(".")[2]
     kinds = {name: found for name, given in signature.parameters.items() if (found := kinds_of(given.annotation))}
     places = [name for name, given in signature.parameters.items() if given.kind != inspect.Parameter.KEYWORD_ONLY]
     starred = next((n for n, given in signature.parameters.items() if given.kind == given.VAR_POSITIONAL), None)
@@ -56,7 +58,7 @@ def typed(function: Function) -> Function:
         for name, value in named(given, by_name):
             if name in kinds and not _fits(value, kinds[name]):
                 others = {other: x for other, x in named(given, by_name) if other != name}
-                raise InputError(f"{function.__name__}: {_refusal(name, value, kinds[name], others)}")
+                raise InputError(f"{where}: {_refusal(name, value, kinds[name], others)}")
         return function(*given, **by_name)
 
     return typing.cast(Function, refusing)
@@ -89,7 +91,9 @@ def _fits(value: Any, kinds: tuple[type, ...]) -> bool:
 
 def _refusal(name: str, value: Any, kinds: tuple[type, ...], others: dict[str, Any]) -> str:
     names = [kind.__name__ for kind in kinds if kind is not types.NoneType]
-    wanted = [WORDS.get(kind, f"a {kind}") for kind in names if kind != "ResolvedOptions" or len(names) == 1]
+    wanted = [
+        WORDS.get(kind, f"{_article(kind)} {kind}") for kind in names if kind != "ResolvedOptions" or len(names) == 1
+    ]
     wanted += ["None"] * (types.NoneType in kinds)
     advice = "".join(f"; {words}" for words in _advice(value, kinds, others))
     return f"{name} is {_shown(value)}; expected {' or '.join(wanted)}{advice}"
@@ -134,7 +138,11 @@ def _shown(value: Any) -> str:
         return f"the class {value.__name__} itself"
     if value is None or isinstance(value, str | os.PathLike | dict | int | float):
         return reprlib.repr(os.fspath(value) if isinstance(value, os.PathLike) else value)
-    return f"{'an' if type(value).__name__[0] in 'AEIOaeio' else 'a'} {type(value).__name__}"
+    return f"{_article(type(value).__name__)} {type(value).__name__}"
+
+
+def _article(word: str) -> str:
+    return "an" if word[0] in "AEIOaeio" else "a"
 
 
 def check_rows(rows: tuple[int, ...], size: int) -> None:

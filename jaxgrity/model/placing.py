@@ -51,7 +51,8 @@ def above(
     surface = Slope(ground.incline) if ground.surface is None else ground.surface
     x, y, z = coordinates(ground.relative(q))
     lowest = jnp.max(surface.height(x, y) - z)
-    lowest = jnp.where(jnp.isfinite(lowest), lowest, 0).astype(q.dtype)
+    below = jnp.isfinite(lowest)
+    lowest = jnp.where(below, lowest, 0).astype(q.dtype)
     distance = jnp.asarray(distance, q.dtype)
     up = jnp.array([0.0, 0.0, 1.0], q.dtype)
 
@@ -72,7 +73,9 @@ def above(
 
     first = lowest + jnp.minimum(distance, 0), lowest + jnp.maximum(distance, 0)
     ends = jax.lax.fori_loop(0, DOUBLINGS, apart, first)
-    return q + jax.lax.fori_loop(0, HALVINGS, halved, ends)[1] * up
+    lift = jax.lax.fori_loop(0, HALVINGS, halved, ends)[1]
+    # beside all ground there is no height at which a node is in it
+    return q + jnp.where(below | near(lift), lift, 0) * up
 
 
 def check_placed(distance: np.ndarray, depth: float, size: float) -> None:

@@ -37,14 +37,16 @@ class Union(Surface):
 
     def __check_init__(self):
         if not (isinstance(self.parts, tuple) and self.parts and all(isinstance(part, Surface) for part in self.parts)):
-            raise InputError(f"union.parts = {self.parts}: expected at least one surface, in a tuple")
+            parts = type(self.parts).__name__ if isinstance(self.parts, list) else self.parts
+            raise InputError(f"union.parts = {parts}: expected at least one surface, in a tuple")
         if traced(self.parts):
             return
-        for first, second, below in _touching(self.parts):
+        solids = self.solids
+        for first, second, below in _touching(solids):
             raise InputError(
-                f"union: a face of part {first} ({_name(self.parts[first])}) lies on part {second} "
-                f"({_name(self.parts[second])}), and nodes would pass between them; expected solids that overlap"
-                + (_hint(self.parts[first]) if below else "")
+                f"union: a face of part {first} ({_name(solids[first])}) lies on part {second} "
+                f"({_name(solids[second])}), and nodes would pass between them; expected solids that overlap"
+                + (_hint(solids[first]) if below else "")
             )
 
     @property

@@ -7,7 +7,7 @@ import numpy as np
 from jaxgrity.core.display import counted_robots, finite_or, mean_of_robots, significant, with_error
 from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report import plot
-from jaxgrity.report.steady import steady_rows
+from jaxgrity.report.steady import NOT_LASTING, steady_rows
 from jaxgrity.search.attraction import multiplier_words
 from jaxgrity.search.objectives import Objective
 from jaxgrity.search.paths import SETTLING
@@ -21,7 +21,7 @@ def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
     if steady is None:
         return f"The robot goes {distance_words(summary)}.", needs
     if not steady["settled"]:
-        return "The robot settles on no orbit.", needs
+        return f"The robot settles on no orbit: {NOT_LASTING}.", needs
     lengths, size = steady["body_lengths_per_second"], steady["body_length"]
     speed = with_error(lengths, steady["speed_error_bar"] / size, " body lengths per second")
     turning, error = (float(np.degrees(steady[name])) for name in ("turning", "turning_error_bar"))

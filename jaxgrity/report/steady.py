@@ -24,6 +24,8 @@ from jaxgrity.stepping.step_limits import default_step
 Facts = dict[str, Any]
 MODELS = ("robust", "other_contact_model")
 """Names of the two judgements by perturbed robots: on the scene's own contact model, and on the other one."""
+NOT_LASTING = "this gait does not last; try another seed, or a longer search"
+"""What a report says of a gait without an orbit."""
 PARTS = 4
 """Number of parts of the work. Progress is shown after each."""
 
@@ -140,7 +142,7 @@ def _along(heading: float, orbit: Orbit, robots: _Robots) -> Facts:
 def steady_rows(steady: Facts) -> dict[str, str]:
     """The orbit in words, by row headings of the report."""
     if not steady["settled"]:
-        return {"orbit": f"none: {_restless(steady)}"}
+        return {"orbit": f"none: {_restless(steady)}; {NOT_LASTING}"}
     own, other, cycle = steady["robust"], steady["other_contact_model"], steady["period"] * steady["periods"]
     slowest, since = steady["slowest_window"], steady["settled_after"]
     lengths = steady["body_lengths_per_second"]

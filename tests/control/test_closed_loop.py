@@ -449,9 +449,18 @@ class Short(control.Policy):
     ("make", "message"),
     [
         (lambda scene: Sensors(delay=-1), "delay = -1"),
-        (lambda scene: Sensors(noise=Errors(place=-1.0)), "expected finite numbers, none negative"),
-        (lambda scene: Sensors(bias=Errors(spins=np.nan)), "expected finite numbers, none negative"),
-        (lambda scene: Sensors(noise=Errors(contact=1.5)), "for contact at most 1"),
+        (
+            lambda scene: Sensors(noise=Errors(place=-1.0)),
+            "sensors.noise.place = -1: expected a finite number, at least 0",
+        ),
+        (
+            lambda scene: Sensors(bias=Errors(spins=np.nan)),
+            "sensors.bias.spins = nan: expected a finite number, at least 0",
+        ),
+        (
+            lambda scene: Sensors(noise=Errors(contact=1.5)),
+            "sensors.noise.contact = 1.5: expected a number from 0 to 1",
+        ),
         (lambda scene: PhaseLocked(scene.gait, np.full((2, 2), np.nan)), "gains = .*: expected finite numbers"),
         (
             lambda scene: Steered(OpenLoop(scene.gait), 0.1, np.zeros((6, 6)), np.zeros(3)),
@@ -559,6 +568,8 @@ class Short(control.Policy):
             ),
             "expected an explicit one at a fixed step",
         ),
+        (lambda scene: centre_offsets(scene.structure, ()), r"members = \[\]: expected struts alone"),
+        (lambda scene: centre_offsets(scene.structure, (-1,)), r"members\[0\] = -1: expected a whole number from 0"),
     ],
 )
 def test_bad_input_is_refused(scene, make, message):

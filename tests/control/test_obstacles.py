@@ -137,6 +137,8 @@ def test_obstacles_of_a_scene_are_discs(scene):
     np.testing.assert_allclose(found.radii, [0.3, 0.5])
     bumpy = Union((jaxgrity.bumps(0.02, 0.8, 0), *posts.parts[1:]))
     np.testing.assert_array_equal(control.discs_of(replace(scene.ground, surface=bumpy)).centres, found.centres)
+    within = Union((Slope(), Union(posts.parts[1:])))
+    np.testing.assert_array_equal(control.discs_of(replace(scene.ground, surface=within)).radii, found.radii)
     with pytest.raises(InputError, match="Stairs is nothing to go round, nor to roll on"):
         control.discs_of(replace(scene.ground, surface=jaxgrity.Stairs(0.1, 0.3)))
 

@@ -13,6 +13,7 @@ from jaxgrity.control.choices import choices_of
 from jaxgrity.control.obstacles import StraightWay
 from jaxgrity.control.samples import best, between, costs, followed, shifted, sized
 from jaxgrity.control.steering import clock_moved
+from jaxgrity.model.actuation import contraction
 
 HASTY = Sampling(samples=2, horizon=0.1, interval=0.1)
 """a choice of two ways that is made ten times a second: its programs serve several tests"""
@@ -154,6 +155,20 @@ def test_gaits_of_several_frequencies_have_no_cycle_to_jump_in(walker):
         control.lead_to(plant, plant, odd, np.ones(2))
     with pytest.raises(InputError, match=r"gait.frequency = .*: expected the same for all members"):
         control.gait_choices(jaxgrity.load_scene("exact").structure, {"odd": odd.policy})
+    still = PhaseLocked(replace(gait, frequency=0 * gait.frequency))
+    with pytest.raises(InputError, match=r"gait.frequency = .*: expected .* above 0 Hz"):
+        control.gait_choices(jaxgrity.load_scene("exact").structure, {"still": still})
+
+
+def test_gaits_to_choose_from_are_in_full_swing_at_every_clock():
+    """However short the control period is, and where a jump sets the clock back."""
+    structure, gait = jaxgrity.load_scene("exact").structure, jaxgrity.load_gait("lasting")
+    choices = control.gait_choices(structure, {"lasting": PhaseLocked(gait)}, dtype="float64")
+    chosen = choices.chosen(np.array([0]), np.zeros(1)).policy.gait
+    chosen = jax.tree.map(lambda x: x[..., 0], chosen)
+    for clock in (-0.4, -1e-4, 0.0, 1e-4, 0.3):
+        wave = (1 + np.sin(2 * np.pi * clock * gait.frequency + gait.phase)) / 2
+        np.testing.assert_allclose(contraction(chosen, clock), gait.amplitude * wave, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.campaign
@@ -278,6 +293,7 @@ def test_a_policy_of_another_goal_is_led_as_one_without(walker):
         ({"per_second": 0}, "per_second = 0: expected whole numbers, at least 1"),
         ({"widest": -1.0}, "widest = -1, jumping = 0.5, usual = 0.6: expected numbers from 0 to 1"),
         ({"usual": np.nan}, "widest = 0.6, jumping = 0.5, usual = nan: expected numbers from 0 to 1"),
+        ({"seed": -1}, "seed = -1: expected a whole number from 0 on"),
         ({"friction": ()}, r"friction = \(\): expected factors that are not negative, at least one"),
         ({"friction": (1.0, -0.5)}, r"friction = \(1.0, -0.5\): expected factors that are not negative"),
     ],

@@ -454,3 +454,15 @@ def test_baselines_of_tasks_need_evosax_and_leave_a_table(tmp_path):
         return
     facts = quick("studies/task_baselines.py", tmp_path)
     assert "| heading | " in words("task_baselines", facts)
+
+
+@pytest.mark.campaign
+def test_learning_by_brax_needs_brax_and_leaves_a_table(tmp_path):
+    """With it the quick size makes a table; without it there is one clear line."""
+    if importlib.util.find_spec("brax") is None:
+        done = run("studies/brax_ppo.py", "--quick", "--out", tmp_path)
+        assert done.returncode == 2
+        assert "Brax is not installed" in done.stderr
+        return
+    facts = quick("studies/brax_ppo.py", tmp_path)
+    assert "| goal | 0 | " in words("brax_ppo", facts)

@@ -86,6 +86,7 @@ def test_arguments_of_other_types_are_refused():
     program = """
 import numpy as np, jaxgrity
 from jaxgrity import *
+from jaxgrity.control.learned import check_acting
 for make in (
     lambda: Slope("steep"),
     lambda: Stairs(0.1, 0.3, 2.5),
@@ -101,6 +102,15 @@ for make in (
     lambda: jaxgrity.control.environment("speed", "exact"),
     lambda: jaxgrity.control.environment("speed", load_scene("exact"), seconds="1"),
     lambda: jaxgrity.control.plant_of(load_scene("exact"), (0.7, 1.2)),
+    lambda: jaxgrity.control.plant_of(load_scene("exact"), load_gait("lasting")),
+    lambda: Union([Slope()]),
+    lambda: jaxgrity.control.MotorLimits(stroke=None),
+    lambda: jaxgrity.control.Sensors(noise=jaxgrity.control.Errors(place="far")),
+    lambda: jaxgrity.control.Steered(load_gait("lasting"), 0.1, np.zeros((6, 6))),
+    lambda: jaxgrity.control.Blend(jaxgrity.control.OpenLoop(load_gait("lasting")), load_gait("lasting"), 0.5),
+    lambda: jaxgrity.control.gait_choices(load_scene("exact").structure, {"one": load_gait("lasting")}),
+    lambda: jaxgrity.control.GymnasiumEnvironment("goal"),
+    lambda: check_acting(None, "heading"),
 ):
     try:
         print(make())
@@ -123,6 +133,15 @@ structure.fixed has 2; expected a node and its axes, such as (0, 'xyz')
 environment: scene is 'exact'; expected a Scene; pass jaxgrity.load_scene('exact')
 environment: seconds is '1'; expected a number
 members[0] = 0.7: expected a whole number from 0 to 29
+members = Gait: expected at least one that is actuated, as (0, 1, 2)
+union.parts = list: expected at least one surface, in a tuple
+motors.stroke = None: expected less than 1, a fraction of a member's length
+sensors.noise.place = 'far': expected a finite number, at least 0
+Steered: policy is a Gait; expected a Policy
+Blend: other is a Gait; expected a Policy
+gaits: 'one' is a Gait; expected feedback: PhaseLocked(gait)
+GymnasiumEnvironment: environment is 'goal'; expected an Environment; jaxgrity.control.environment(task, ...) makes one
+policy = 'heading': expected a function of observations, as load_policy makes one
 """
     assert told == expected
 

@@ -56,3 +56,11 @@ def test_a_body_is_set_down_at_an_edge_where_normals_push_it_to_and_fro(exact):
         assert ground.measured(ground.set_down(nodes, depth)).distance.min() == pytest.approx(-depth, abs=1e-6)
     with pytest.raises(InputError, match=r"the lowest node cannot be set down .* expected finite nodes, and ground"):
         ground.set_down(np.nan * nodes, 0.0)
+
+
+@pytest.mark.parametrize("distance", [0.02, -0.01])
+def test_a_body_beside_all_ground_keeps_its_height(exact, distance):
+    """A lone box is not below it, and there is no height at which a node is in it."""
+    ground = ExactGround(surface=Box([5.0, 0.0, 0.0], [1.0, 1.0, 1.0]))
+    nodes = np.asarray(exact.structure.nodes)
+    np.testing.assert_allclose(ground.set_above(nodes, distance), nodes, atol=1e-12)

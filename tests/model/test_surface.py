@@ -188,6 +188,10 @@ def test_a_gradient_in_the_terrain_is_that_of_finite_differences(central_differe
             "part 1 .box. lies on part 0 .stairs.",
         ),
         (lambda: Union((Slope(), Cylinder([0, 0, 0], [0, 0, 1], 0.2))), "part 1 .cylinder. lies on part 0 .slope."),
+        (
+            lambda: Union((Slope(), Union((Box([1, 0, 0.5], [0.6, 0.8, 1.0]), Sphere([3, 0, 0], 0.3))))),
+            "a face of part 1 .box. lies on part 0 .slope.",
+        ),
         (lambda: bumps(0.0, 1.0, 0), "bumps.deviation = 0: expected a positive number"),
         (lambda: height_map(np.zeros((2, 9)), (1.0, 1.0)), "expected a table, at least 4 by 4"),
         (lambda: height_map(np.full((4, 4), np.nan), (1.0, 1.0)), r"heights\[0, 0\] = nan: expected a finite number"),

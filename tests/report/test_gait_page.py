@@ -55,6 +55,7 @@ ACTUATORS |= {"rate_bound": 1.0, "excess": 0.0}
 
 RANKS = ("rank_correlation", "rank_correlation_of_the_evolved")
 LOST = "settle on no orbit that attracts disturbed robots; the chosen one"
+ADVICE = "this gait does not last; try another seed, or a longer search"
 
 
 @pytest.mark.parametrize(
@@ -148,11 +149,11 @@ def test_the_rows_say_what_a_gait_is_worth():
     alike = steady_rows({**STEADY, "robust": {**STEADY["robust"], **one}})["both contact models"]
     assert alike.startswith("0.824 m/s over one robot, as nothing is uncertain; 0.81")
     lost = steady_rows({**STEADY, "settled": False, "residual": 0.3})
-    assert lost == {"orbit": "none: the shape still changes by 0.3 m over a cycle"}
+    assert lost == {"orbit": f"none: the shape still changes by 0.3 m over a cycle; {ADVICE}"}
     turning = steady_rows({**STEADY, "settled": False, "residual": 0.02, "turning": 0.1})
-    assert turning == {"orbit": "none: the robot turns by 5.7 °/s; on a slope or in wind no orbit turns"}
+    assert turning == {"orbit": f"none: the robot turns by 5.7 °/s; on a slope or in wind no orbit turns; {ADVICE}"}
     failed = steady_rows({**STEADY, "settled": False, "residual": np.inf, "verified_for": 0.0})
-    assert failed == {"orbit": "none: the rollout failed"}
+    assert failed == {"orbit": f"none: the rollout failed; {ADVICE}"}
 
 
 def test_the_rows_say_who_is_beyond_a_bound():
@@ -222,7 +223,7 @@ def test_sentences_say_what_to_know_first():
     told = "The robot moves at 0.0000 ± 0.0001 body lengths per second and turns by 28.6 ± 0.2° per second."
     assert leading_sentences({**known, "steady": on_the_spot})[0] == told
     lost = {**known, "steady": {**STEADY, "settled": False}}
-    assert leading_sentences(lost) == ("The robot settles on no orbit.", needs)
+    assert leading_sentences(lost) == (f"The robot settles on no orbit: {ADVICE}.", needs)
     short = {"steady": None, "actuators": ACTUATORS, "distance": 2.0, "error_bar": 0.01, "duration": 8.0}
     assert leading_sentences(short) == ("The robot goes 2.00 ± 0.01 m in 8 s.", needs)
 
