@@ -227,7 +227,7 @@ int main(int argc, char **argv) {
     if (t < best) best = t;
   }
   for (int b = 0; b < gaits; b++) printf("%.9g %.9g %.9g\n", com[b][0], com[b][1], com[b][2]);
-  printf("# %s threads=%d gaits=%d steps=%d seconds=%.4f us_per_step_and_gait=%.4f\n",
+  printf("# %s threads=%d gaits=%d steps=%d seconds=%.9f us_per_step_and_gait=%.4f\n",
          sizeof(T) == 4 ? "float32" : "float64", omp_get_max_threads(), gaits, steps, best,
          best / gaits / steps * 1e6);
   return 0;

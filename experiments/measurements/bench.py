@@ -48,7 +48,7 @@ def main(settings: Settings) -> None:
     tasks: list[Engine] = []
     mujoco = util.find_spec("mujoco") is not None
     for count in settings.gaits:
-        chosen = engines(scenes, random_phases(count, 6, seed=0), settings.duration, mujoco)
+        chosen = engines(scenes, random_phases(count, 6, seed=0), settings.duration, mujoco, mjx=False)
         tasks += [each for each in chosen if each.name in STEPS and (each.gaits == count or count == settings.gaits[0])]
     first = [engine.roll(STEPS[engine.name])[1] for engine in tqdm(tasks, desc="compiling", unit="run")]
     rounds = [
