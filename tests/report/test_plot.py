@@ -1,6 +1,7 @@
 """Figures: in one style that leaves Matplotlib's own alone, readable where README shows them, and saying what is so."""
 
 import dataclasses
+import itertools
 
 import matplotlib
 import numpy as np
@@ -142,7 +143,7 @@ def test_titles_and_legends_cover_nothing():
         figure.draw_without_rendering()
         titles = [axes.title.get_window_extent() for axes in figure.axes]
         assert all(figure.bbox.x0 <= title.x0 and title.x1 <= figure.bbox.x1 for title in titles)
-        assert all(one.x1 < other.x0 for one, other in zip(titles, titles[1:]))
+        assert all(one.x1 < other.x0 for one, other in itertools.pairwise(titles))
         (legend,) = figure.legends
         assert not any(legend.get_window_extent().overlaps(axes.bbox) for axes in figure.axes)
 
