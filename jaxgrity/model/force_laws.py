@@ -159,8 +159,8 @@ def check_linear(scene: Scene, farther: float, what: str) -> None:
         for term in terms:
             if bool(jnp.any(jax.grad(added)(tight, term) != 0)):
                 raise InputError(
-                    f"{what}: with {term.name!r}, cables are not linear up to {farther:g} times their stretch; "
-                    "expected a smaller stretch, or linear cables"
+                    f"{what}: stretched {farther:g} times as far as built, cables do not pull in proportion, because "
+                    f"of {term.name!r}; expected less, or linear cables"
                 )
 
 
