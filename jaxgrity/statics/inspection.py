@@ -166,8 +166,8 @@ def inspect_structure(scene: Scene) -> StructureReport:
     for term in scene.terms:
         if isinstance(term, EnergyTerm):
             raise InputError(
-                f"{term.name}: the report on a structure knows linear springs alone; leave this term out, or call "
-                "`resting_shape` and `vibration_modes`"
+                f"{term.name}: the report on a structure knows linear springs alone; expected a scene without, or "
+                "`resting_shape` and `vibration_modes`, which know all of U"
             )
     loaded = bool(structure.fixed)
     alone = Scene(structure, gravity=scene.gravity if loaded else None)
