@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+import tomllib
 from html import unescape
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -43,6 +44,12 @@ def test_docstrings_are_plain_text_with_code(interface):
     lines = ["(rows, 3), m: one for each", ""]
     interface.as_plain_text(None, "attribute", "f.x", None, None, lines)
     assert lines == ["(rows, 3), m: one for each", ""]
+
+
+def test_make_docs_installs_all_that_the_reference_pages_import():
+    """One of their modules is of Gymnasium, which the extra `docs` therefore needs."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["optional-dependencies"]
+    assert set(extras["gym"]) <= set(extras["docs"])
 
 
 def test_every_page_is_in_the_contents():

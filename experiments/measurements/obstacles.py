@@ -121,14 +121,14 @@ def words(record: Record) -> str:
         return table(head, rows)
     apart, off = (f"{100 * record[name]:.0f} cm" for name in ("spread", "surprise"))
     more = [
-        ["a way round obstacles, median", f"{record['seconds']:.0f} s, {record['length']:.0f} m"],
-        ["nearest to an obstacle, of robots that arrived", f"{100 * record['gap']:.0f} cm"],
-        ["gaits that were chosen", shares],
-        [f"spread of the model's robots on the chosen way after {record['horizon']:g} s, median", apart],
-        [f"distance from the predicted place after {record['interval']:g} s, median", off],
-        [f"a choice for all {count} robots", f"{record['seconds_a_choice']:.1f} s"],
+        ["time and length of the way, median", f"{record['seconds']:.0f} s, {record['length']:.0f} m"],
+        ["smallest distance from an obstacle, of robots that arrived", f"{100 * record['gap']:.0f} cm"],
+        ["gaits on the way", shares],
+        [f"spread of the model robots after {record['horizon']:g} s of the chosen sample, median", apart],
+        [f"error of the predicted place after {record['interval']:g} s, median", off],
+        [f"time of a choice for all {count} robots", f"{record['seconds_a_choice']:.1f} s"],
     ]
-    return table(head, rows) + "\n\n" + table(["of these ways", "measured"], more)
+    return table(head, rows) + "\n\n" + table(["on these ways", "measured"], more)
 
 
 def drawn_fields(count: int, seed: int) -> list[Discs]:

@@ -68,8 +68,8 @@ def words(record: Record) -> str:
         ["goal reached, nothing touched", f"{record['reached']} of {count}"],
         ["touched something", f"{record['touched']}"],
         [f"did not arrive in {record['patience']:g} s", f"{count - record['arrived']}"],
-        ["time on the way of those that arrived, median", "-" if seconds is None else f"{seconds:.0f} s"],
-        ["nearest to an obstacle", f"{100 * record['gap']:.0f} cm"],
+        ["time to the goal, of robots that arrived, median", "-" if seconds is None else f"{seconds:.0f} s"],
+        ["smallest distance from an obstacle", f"{100 * record['gap']:.0f} cm"],
     ]
     return table([f"robots among the {record['obstacles']} obstacles of a scene file", "measured"], rows)
 

@@ -28,16 +28,16 @@ from jaxgrity.core.compiled import keep_compiled
 from jaxgrity.core.errors import InputError
 
 LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000,-unroll-full-max-count=16"
-"""On a CPU, one kernel for a whole loop of small steps, where some hundred would be dispatched one by one; and no loop
-over robots is written out, which would keep LLVM from using vector instructions for it."""
+"""On a CPU, a whole loop of small steps is one kernel, instead of some hundred that are dispatched one by one. No loop
+over robots is unrolled, since that would keep LLVM from using vector instructions for it."""
 VECTORS = "--xla_cpu_prefer_vector_width=512"
 """Vectors as long as the processor has them, where LLVM would take half of that; answers are the same to the bit."""
 FUSIONS = "--xla_cpu_use_fusion_emitters=false"
-"""XLA's older way of making kernels: it compiles in two thirds of the time, and what it makes runs up to a fifth
-faster; answers agree to rounding. JAX 0.11 has it no longer, and would end at a flag that it does not know."""
+"""XLA's older way of making kernels. It compiles in two thirds of the time, and its kernels run up to a fifth faster.
+Answers agree to rounding. JAX 0.11 no longer has it, and would end at a flag that it does not know."""
 COLLECTED = 200_000, 50, 100
-"""Python's thresholds of garbage collection. Tracing makes millions of objects that live on in caches: looking through
-them as often as Python does by itself takes a fifth of the time."""
+"""Python's thresholds of garbage collection. Tracing makes millions of objects that live on in caches. With Python's
+own thresholds, looking through them takes a fifth of the time."""
 
 Settings = TypeVar("Settings")
 

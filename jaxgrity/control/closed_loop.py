@@ -46,9 +46,9 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
     """The loop at t = 0: from `start`, q and v; by default the scene's own.
 
     `each`: all of the policy's arrays have the population last; every robot has its own parameters. Floats of the
-    memory take the plant's precision. Raises `InputError` for what is no policy or no key; for other members than the
-    plant's; for `each` with a plant of one robot, or a policy with another number of rows; for a start of another
-    shape, or a known one that violates rigid struts or exact contact.
+    memory take the plant's precision. Raises `InputError` if `policy` is no policy or `key` is no key, and for other
+    members than the plant's. `each` needs a plant of many robots, and a policy with a row for each. A start must have
+    the right shape. A known start must not violate rigid struts or exact contact.
     """
     if not isinstance(policy, Policy):
         raise InputError(f"policy is a {type(policy).__name__}: expected a Policy, such as OpenLoop(gait)")

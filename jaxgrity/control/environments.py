@@ -71,8 +71,8 @@ class EnvironmentState(eqx.Module):
     metrics: dict[str, AnyArray]
     """"progress", m/s; "effort", 1/s^2; "reached" and "failed", 1 from where that happened, else 0"""
     info: dict[str, Any]
-    """"truncation", 1 where nothing but the time ended the episode; and what wrappers keep here: one that counts
-    "steps" here, as Brax's does, ends the episode in the environment's place"""
+    """"truncation", 1 if only the time ended the episode; and entries of wrappers. A wrapper that counts "steps" here,
+    as Brax's does, ends the episode in the environment's place"""
 
     def replace(self, **changes: Any) -> "EnvironmentState":
         """The state with other values of some fields."""
@@ -205,8 +205,9 @@ def environment(
         The environment, whose `reset` and `step` are pure.
 
     Raises:
-        InputError: an unknown task; a scene without ground or gait; uneven ground for a task with its own ground; bad
-            options (see `resolve`); seconds that are no multiple of 0.01; a negative effort cost, or one not finite.
+        InputError: an unknown task, or a scene without ground or gait. Uneven ground for a task with its own ground.
+            Bad options (see `resolve`). Seconds that are no multiple of 0.01. An effort cost that is negative or not
+            finite.
 
     Example:
         >>> import jax

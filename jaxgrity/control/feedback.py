@@ -69,7 +69,7 @@ class PhaseLocked(Policy):
     def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
         if max(self.members) >= len(observation.directions):
             raise InputError(
-                f"gait.members = {list(self.members)}: expected struts alone, whose directions tell the clock"
+                f"gait.members = {list(self.members)}: expected struts alone: the clock needs their directions"
             )
         clock, last = memory
         own = np.array(self.members)
@@ -94,7 +94,7 @@ def one_frequency(gait: Gait) -> float:
     if np.ptp(frequency) > 0 or not frequency.max() > 0:
         raise InputError(
             f"gait.frequency = {frequency.tolist()}: expected the same for all members, above 0 Hz, "
-            "for a clock that jumps to another place of the cycle"
+            "since their clock jumps to another place of the cycle"
         )
     return 1 / float(frequency.max())
 

@@ -21,13 +21,13 @@ from jaxgrity.model.surface import Slope
 STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 """Steps on a grid in 8 directions. With their opposites, ways are at most 2.8 % longer than straight ones."""
 CLOSE = 8.0
-"""Factor on the length of a way where the robot would touch an obstacle, compared with one where there is room."""
+"""Factor on the length of a way along which the robot would just touch an obstacle."""
 
 REACH = 0.6
 """Default distance from a robot's centre to its outermost point, m, for the library's robots of one metre."""
 COMFORT, SPACING = 0.4, 0.1
-"""Default room beyond the reach within which ways count as longer, and default spacing of the grid of ways, m for a
-robot of one metre."""
+"""Default room beyond the reach, m for a robot of one metre: with less, ways count as longer. Then the default spacing
+of the grid, m for the same robot."""
 SAME_REACH = 1e-6
 """Relative amount by which rounding may make a given reach smaller than the robot's own."""
 
@@ -45,8 +45,8 @@ class Discs(NamedTuple):
 def discs_of(ground: Ground | None) -> Discs:
     """The discs about the obstacles of a scene's ground, seen from above; about a box the disc through its corners.
 
-    Planes and height fields are ground: bumps and hills are no obstacles. Raises `InputError` without a ground, and for
-    a part of the surface that is neither ground nor a box, a ball or a cylinder.
+    Planes and height fields are ground: bumps and hills are no obstacles. Raises `InputError` without a ground. All
+    other parts of the surface must be boxes, balls or cylinders.
     """
     if ground is None:
         raise InputError("ground: there is none; expected that of a scene with [ground]")
@@ -74,7 +74,8 @@ def discs_of(ground: Ground | None) -> Discs:
 
 @typed
 def reach_of(scene: Scene) -> float:
-    """m, the distance of the farthest node, or ball, from the centre of mass in the given pose, whichever way up."""
+    """Distance, m, of the farthest node or ball from the centre of mass. It does not depend on the robot's
+    orientation."""
     q = np.asarray(scene.structure.nodes, float)
     mass = np.asarray(scene.structure.lumped_mass, float)
     away = np.linalg.norm(q - mass @ q / mass.sum(), axis=1)
@@ -85,8 +86,8 @@ def reach_of(scene: Scene) -> float:
 
 @typed
 def room(discs: Discs, places: np.ndarray) -> np.ndarray:
-    """(...,), m, from each of `places` (..., 2) to the edge of the nearest disc; negative inside; infinite without
-    discs."""
+    """Distance (...,), m, of each of `places` (..., 2) from the edge of the nearest disc. It is negative inside, and
+    infinite without discs."""
     if not len(discs.radii):
         return np.full(places.shape[:-1], np.inf)
     away = np.linalg.norm(places[..., None, :] - discs.centres, axis=-1)
@@ -95,7 +96,8 @@ def room(discs: Discs, places: np.ndarray) -> np.ndarray:
 
 @typed
 def gap(discs: Discs, scene: Scene, q: np.ndarray) -> np.ndarray:
-    """(...,), m, between a robot at `q` (..., nodes, 3) and the nearest disc, seen from above; negative: a touch.
+    """Distance (...,), m, seen from above, of a robot at `q` (..., nodes, 3) from the nearest disc. A touch is
+    negative.
 
     The robot is all its struts and cables, as straight lines, lines between all points of a rigid body, and its balls.
     A strut that touches the ground between its ends has the radius with which it does. A disc between the robot's
@@ -135,13 +137,13 @@ class WayMap(NamedTuple):
     reach: float
     """m, from the robot's centre of mass to its farthest node"""
     distance: np.ndarray
-    """(points along x, points along y), m; metres near an obstacle count up to `CLOSE` times; infinite where no way
-    leads to the goal"""
+    """(points along x, points along y), m. Metres near an obstacle count up to `CLOSE` times. Infinite if no way leads
+    to the goal"""
 
     def to_go(self, places: np.ndarray) -> np.ndarray:
-        """(...,), m, counted as in `distance`, from each of `places` (..., 2), by interpolation.
+        """Way (...,), m, from each of `places` (..., 2) to the goal, interpolated in `distance`.
 
-        Outside the arena a metre counts `CLOSE` times, and where no way leads to the goal, three times the longest.
+        Outside the arena a metre counts `CLOSE` times. If no way leads to the goal, it is three times the longest one.
         """
         places, finite = np.asarray(places, float), np.isfinite(self.distance)
         table = np.where(finite, self.distance, 3 * self.distance[finite].max(initial=1.0))
@@ -151,9 +153,9 @@ class WayMap(NamedTuple):
         return (map_coordinates(table, inside, order=1) + CLOSE * beyond).reshape(places.shape[:-1])
 
     def way(self, start: np.ndarray) -> np.ndarray:
-        """(points, 2), m: a way downhill on the distances from `start` (2,), at most 3 % longer than the shortest.
+        """A way (points, 2), m, from `start` (2,) to the goal, at most 3 % longer than the shortest.
 
-        That place alone where there is none. Raises `InputError` where `start` is no place."""
+        It is `start` alone if there is no way. Raises `InputError` if `start` is no place."""
         if np.shape(start) != (2,) or not np.isfinite(start).all():
             raise InputError(f"start = {np.asarray(start).tolist()}: expected a place (x, y), m")
         here = np.rint((np.asarray(start) - self.corner) / self.spacing).astype(int)
@@ -204,20 +206,20 @@ def way_map(
     Args:
         discs: what to keep clear of.
         goal: (2,), m.
-        arena: m, the least x, least y, largest x and largest y of ways.
+        arena: least x, least y, largest x and largest y of ways, m.
         robot: the robot on the way; ways too narrow for it are refused.
-        reach: m, from the robot's centre of mass to its farthest node: the least distance of a way from a disc; by
-            default the robot's own (`reach_of`), or `REACH` without a robot.
-        comfort: m, beyond the reach: nearer ways count as longer, up to `CLOSE` times; by default `COMFORT` at the
-            robot's size.
-        spacing: m, of the grid; at most half of `reach`; by default `SPACING` at the robot's size.
+        reach: least distance of a way from a disc, m: from the robot's centre of mass to its farthest node. By default
+            the robot's own (`reach_of`), or `REACH` without a robot.
+        comfort: distance beyond the reach, m. Nearer ways count as longer, up to `CLOSE` times. By default `COMFORT` at
+            the robot's size.
+        spacing: of the grid, m, at most half of `reach`. By default `SPACING` at the robot's size.
 
     Returns:
         The distances, infinite where no way leads to the goal.
 
     Raises:
-        InputError: a goal outside the arena or too near to a disc, numbers that are not positive, a reach below the
-            robot's own, or discs that are not (discs, 2) centres and as many radii.
+        InputError: a goal outside the arena or too near to a disc. Numbers that are not positive, or a reach below the
+            robot's own. Discs that are not (discs, 2) centres and as many radii.
     """
     reach, size = _reach_for(robot, reach), 1.0 if robot is None else float(length_scale(robot))
     comfort, spacing = (

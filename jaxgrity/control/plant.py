@@ -1,7 +1,7 @@
-"""The robot as a controller meets it: commands go in once in a control period, observations come out.
+"""The robot as a controller sees it: once in a control period, commands go in and observations come out.
 
-One robot, or many side by side with the population as the last axis in memory (see `populations/lanes.py`): steps are
-those of the scene's own method, and the physics is the scene's.
+A plant has one robot, or many side by side, with the population as the last axis in memory (`populations/lanes.py`).
+Steps and physics are the scene's own.
 """
 
 from dataclasses import replace
@@ -45,7 +45,7 @@ class PlantState(NamedTuple):
     contraction: AnyArray
     """(actuators,), contraction of each actuated member"""
     tension: AnyArray | None
-    """(actuators,), N, with which each of them pulled in the last step, where motors need to know"""
+    """(actuators,), N: force with which each member pulled in the last step; None if no motor has a largest force"""
     readings: Readings
     key: Any
     """of the noise to come"""
@@ -93,14 +93,14 @@ def check_model(robot: Plant, model: Plant) -> None:
 
 
 def check_key(key: Any) -> None:
-    """Raise `InputError` for what is no random key."""
+    """Raise `InputError` if it is no random key."""
     kind, shape = getattr(key, "dtype", np.dtype(int)), np.shape(key)
     if not ((jnp.issubdtype(kind, jax.dtypes.prng_key) and shape == ()) or (kind == np.uint32 and shape == (2,))):
         raise InputError(f"key of type {kind} and shape {shape}: expected one key, such as jax.random.key(0)")
 
 
 def whole_number(name: str, seconds: float, part: float) -> int:
-    """The number of parts, s, in some seconds. Raises `InputError` where it is not whole."""
+    """The number of parts (s each) in some seconds. Raises `InputError` if it is not whole."""
     count = round(seconds / part) if is_number(seconds) and np.isfinite(seconds) else 0
     if count < 1 or abs(seconds / part - count) > 1e-6 * count:
         shown = f"{seconds:g}" if is_number(seconds) else repr(seconds)
@@ -132,8 +132,8 @@ def plant_of(
         The plant, for `simulate_policy`.
 
     Raises:
-        InputError: bad options (see `resolve`), a method with adaptive steps, no members or unknown ones, a period that
-            is not positive, or motors with a largest force where rigid struts share nodes.
+        InputError: bad options (see `resolve`), or a method with adaptive steps. No members or unknown ones. A period
+            that is not positive. Motors with a largest force, if rigid struts share nodes.
 
     Example:
         >>> plant = jaxgrity.control.plant_of(jaxgrity.load_scene("exact"), members=(0, 1, 2, 3, 4, 5))
@@ -160,8 +160,8 @@ def plant_of(
 def side_by_side(plant: Plant, robots: int, differences: Differences | None = None) -> Plant:
     """The plant of many robots; the rows of `differences` are robots.
 
-    Raises `InputError` for a plant of many robots, for fewer than one robot, for another number of differences, and for
-    differences of velocity: those belong to the start (`plant_start`).
+    Raises `InputError` for a plant of many robots, fewer than one robot, or another number of differences. Differences
+    of velocity are refused too: they belong to the start (`plant_start`).
     """
     check_one(plant, "side_by_side")
     robots = check_count("robots", robots, 1)
@@ -182,8 +182,8 @@ def side_by_side(plant: Plant, robots: int, differences: Differences | None = No
 def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantState:
     """The state at t = 0, with motors at rest and sensors on: from `start`, q and v; by default the scene's own.
 
-    Raises `InputError` for a start of another shape and for what is no key; for one robot also for a known start that
-    violates rigid struts, exact contact or supports. Many robots, and traced starts, then fail.
+    Raises `InputError` for a start of another shape, or if `key` is no key. A known start of one robot must not violate
+    rigid struts, exact contact or supports. If many robots or traced starts violate them, the motion fails.
     """
     check_key(key)
     dtype = plant.options.dtype
@@ -211,7 +211,7 @@ def begun(plant: Plant, key: Any, motion: State) -> PlantState:
 
 
 def whole_state(plant: Plant, state: PlantState) -> State:
-    """q, m, and v, m/s, now: a start from which another rollout continues as this one."""
+    """Positions q, m, and velocities v, m/s, now. A rollout from this start continues the motion."""
     scene, now = _commanded(plant, state, state.contraction), state.tick * plant.period
     carried = Carried(state.motion, state.solver)
     if plant.robots is None:
@@ -228,7 +228,7 @@ def sense_now(plant: Plant, state: PlantState) -> Observation:
 
 @typed
 def observe(plant: Plant, state: PlantState) -> tuple[Observation, PlantState]:
-    """The sensors' readings, and the state afterwards: once in a control period, before `actuate`."""
+    """The sensors' readings, and the state afterwards. Call it once in a control period, before `actuate`."""
     key, of_noise = jax.random.split(state.key)
     seen, readings = read(plant.sensors, sense_now(plant, state), state.readings, state.tick, of_noise)
     return seen, state._replace(readings=readings, key=key)

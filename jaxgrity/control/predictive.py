@@ -89,9 +89,9 @@ def lead_to(
         Paths, which robots reached their goals without a touch, and the time per choice.
 
     Raises:
-        InputError: invalid settings, or a goal that is no place; maps for a smaller robot, or not one for each; a model
-            or policy with other members than the robot, or another period; a policy without a bend and a clock, or a
-            heading; times that are no multiples of each other.
+        InputError: invalid settings, or a goal that is no place. Maps for a smaller robot, or not one for each. A model
+            or policy whose members or period differ from the robot's. A policy with neither a bend and a clock nor a
+            heading. Times that are no multiples of each other.
     """
     choices = choices_of(policy)
     ways, sampling = _ways(robot, goal), sized(sampling, model.scene)

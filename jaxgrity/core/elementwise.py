@@ -45,9 +45,9 @@ def _smaller_jvp(primals, tangents):
 def inverse_root(x: Numbers) -> Numbers:
     """1/sqrt(x) for x > 0, as the root of a quotient.
 
-    Both are rounded alike on every processor. XLA's own `rsqrt`, which it makes of the quotient of a root too, begins
-    with an approximation that depends on the length of the processor's vectors in float32; in float64 it calls a
-    function for each number where they have 256 bits.
+    Both are rounded alike on every processor. XLA's own `rsqrt` is not, and XLA also makes it of the quotient of a
+    root. In float32 it begins with an approximation that depends on the length of the processor's vectors. In float64,
+    with vectors of 256 bits, it calls a function for each number.
     """
     return jnp.sqrt(1 / x)
 

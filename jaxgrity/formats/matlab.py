@@ -17,20 +17,23 @@ from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengt
 
 AXES = ("X", "Y", "Z")
 MOST_MEMBERS = 100_000
-"""Most members of a structure that is read: beyond it a file does not describe a robot."""
+"""Most members of a structure in a file. A file with more does not describe a robot."""
 LARGEST_MATRIX = 20_000_000
 """Most entries of a sparse matrix once it is dense."""
 
 
 @typed
 def save_matlab(scene: Scene, path: str | Path) -> tuple[str, ...]:
-    """Write a structure as a MATLAB file: N, C_b, C_s, l0, EA, mass, and what MOTES calls s_0, k, c, m.
+    """Write a structure as a MATLAB file, with the variables of TsgFEM, and those of MOTES beside them.
 
-    `N` (3, nodes), m; `C_b` and `C_s` (members, nodes) with -1 and 1 at a member's first and second node; `l0`, `EA` =
-    K l0 (infinite where a strut is rigid) and `mass` of bars, then strings; `s_0`, `k` and `c` of strings; `node_mass`;
-    `pinned_X`, `pinned_Y` and `pinned_Z`, numbers of nodes from 1.
+    - `N`: (3, nodes), m.
+    - `C_b`, `C_s`: (members, nodes), with -1 and 1 at a member's first and second node.
+    - `l0`, `EA` and `mass`: of bars, then strings. EA = K l0 is infinite for a rigid strut.
+    - `s_0`, `k` and `c`: of strings. `c_b` and `m`: of bars.
+    - `node_mass`: of nodes.
+    - `pinned_X`, `pinned_Y`, `pinned_Z`: numbers of nodes from 1.
 
-    Returns sentences on what such a file does not hold.
+    Returns sentences on the parts of the scene that such a file cannot hold.
     """
     structure = scene.structure
     refuse_bodies(structure, "MATLAB files")
@@ -55,7 +58,7 @@ def save_matlab(scene: Scene, path: str | Path) -> tuple[str, ...]:
 
 
 def beside_the_structure(scene: Scene) -> tuple[str, ...]:
-    """A sentence on what of a scene is no part of its structure, where there is anything."""
+    """A sentence on the parts of a scene beside its structure, if there are any."""
     parts: dict[str, object] = {"gravity": scene.gravity, "damping of nodes": scene.node_damping}
     parts |= {
         "ground": scene.ground,
@@ -78,10 +81,10 @@ def beside_the_structure(scene: Scene) -> tuple[str, ...]:
 def read_matlab(path: str | Path) -> Imported:
     """A structure from a MATLAB file (.mat, version 7 or older) with at least N, C_b and C_s.
 
-    Rest lengths are `l0` (bars, then strings) or `s_0` (strings), otherwise the lengths of the shape; stiffness is
-    EA/l0 from `EA`, or from `E` and `A`, otherwise `k` of strings; bars without stiffness, or with an infinite one, are
-    rigid. Masses are `mass` (bars, then strings), or `m` of bars, and `node_mass` or `ms`. Variables may be
-    fields of one structure.
+    Rest lengths are `l0` (bars, then strings) or `s_0` (strings), otherwise the lengths of the shape. Stiffness is
+    EA/l0 from `EA`, or from `E` and `A`. Otherwise it is `k` of strings. Bars without stiffness, or with an infinite
+    one, are rigid. Masses are `mass` (bars, then strings), or `m` of bars. Masses of nodes are `node_mass` or `ms`.
+    Variables may be fields of one struct.
 
     Raises:
         InputError: one line with the file, the variable and what was expected.
@@ -147,7 +150,7 @@ def _imported(names: dict[str, Any]) -> Imported:
 
 
 def _stiffness(names: dict[str, Any], rest: np.ndarray, b: int) -> np.ndarray:
-    """K of all members, N/m; infinite for bars of which nothing is said."""
+    """Stiffness K of all members, N/m; infinite for bars that have none in the file."""
     EA = _list(names, "EA", len(rest), finite=False)
     if EA is None and {"E", "A"} <= set(names):
         E, A = (_list(names, name, len(rest)) for name in ("E", "A"))
@@ -239,7 +242,7 @@ def _pinned(names: dict[str, Any], nodes: int) -> tuple[tuple[int, str], ...]:
 
 
 def _list(names: dict[str, Any], name: str, count: int, finite: bool = True) -> np.ndarray | None:
-    """(count,): a row, a column, or one number for all; None where it is not given."""
+    """Numbers (count,), from a row, a column, or one number for all. None if the file has none."""
     if names.get(name) is None or getattr(names[name], "size", 0) == 0:
         return None
     found = np.ravel(_numeric(names[name], name))

@@ -88,7 +88,7 @@ def _check_pose(model: Any, data: Any, e: int) -> None:
     if away > APART * model.stat.extent or turned > APART:
         raise InputError(
             f"equality {name}: holds its bodies {away:.3g} m and {turned:.3g} rad away from their pose at the start; "
-            "expected this pose, which MuJoCo takes where there is no relpose"
+            "expected that pose; MuJoCo takes it if you leave out relpose"
         )
 
 

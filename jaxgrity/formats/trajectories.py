@@ -28,12 +28,12 @@ UNITS = "times: s; positions: m; velocities: m/s; masses: kg; dt: s, NaN where t
 def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     """Write a motion: where every node was, and how fast, at each saved time.
 
-    `.npz`, for `load_trajectory`: times (frames,), positions and velocities (frames, nodes, 3), masses (nodes,) with
-    rods' shared by their ends, method, dt, failure, steps, rejected, units, and scene, the text of its scene file. A
-    scene that no scene file can say is left out, and scene_left_out says why. A closed loop adds command_members,
-    command_times and command_contraction (times, actuators). `.csv`: a row for each node at each time:
-    time_s, node, x_m, y_m, z_m, vx_m_per_s, vy_m_per_s, vz_m_per_s. `.nc`: netCDF 3 with dimensions time, node and
-    axis, and units of all variables by the CF conventions, for `xarray.open_dataset(path)`.
+    `.npz`, for `load_trajectory`, has times (frames,), positions and velocities (frames, nodes, 3), and masses
+    (nodes,). A rod's mass is shared by its ends. It also has method, dt, failure, steps, rejected and units, and the
+    text of the scene file as scene. A scene that no scene file can say is left out, and scene_left_out says why. A
+    closed loop adds command_members, command_times and command_contraction (times, actuators). `.csv`: a row for each
+    node at each time: time_s, node, x_m, y_m, z_m, vx_m_per_s, vy_m_per_s, vz_m_per_s. `.nc`: netCDF 3 with dimensions
+    time, node and axis, and units of all variables by the CF conventions, for `xarray.open_dataset(path)`.
 
     Args:
         trajectory: the motion, from `simulate`.

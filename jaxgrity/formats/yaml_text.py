@@ -43,8 +43,8 @@ class _Loader(yaml.BaseLoader):
 def parse_yaml(text: str) -> YamlText:
     """Tables, lists and strings of a file, with their lines. A tab is a space, as in yaml-cpp, which NTRT uses.
 
-    Raises `InputError`, with the line, where the text is no YAML, has tags or several documents, is nested too deeply
-    or too long, or gives a key twice, of which other readers take the last without a word.
+    Raises `InputError`, with the line, if the text is no YAML, has tags or several documents, or is nested too deeply
+    or too long. A key that comes twice is refused too: other readers take the last one without a word.
     """
     try:
         node = _Loader(text.replace("\t", " ")).get_single_node()

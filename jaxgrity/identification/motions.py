@@ -155,8 +155,8 @@ def measured_motion(
         The measurement, for `identify`.
 
     Raises:
-        InputError: shapes do not fit each other, times do not increase, all values are missing, the noise is not
-            positive, options that do not fit the scene, or starts that rigid struts or exact contact do not allow.
+        InputError: shapes that do not fit, or times that do not increase. Only missing values, or a noise that is not
+            positive. Options that do not fit the scene. Starts that rigid struts or exact contact do not allow.
     """
     values, noise = checked(scene, values, noise, observation)
     times, path, windows = np.asarray(times, float), np.asarray(starts.path, float), starts.windows

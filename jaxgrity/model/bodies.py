@@ -269,8 +269,8 @@ def _check_beside(x: np.ndarray, points: tuple, middle: np.ndarray, axes: np.nda
     if off.max() > BESIDE_POINTS * size:
         raise InputError(
             f"rigid_body: node {points[int(off.argmax())]} lies {off.max():.3g} m beside the "
-            f"{'line' if len(axes) == 1 else 'plane'} of a body without extent across it; expected points there, or "
-            "the inertia of a body that has a thickness"
+            f"{'line' if len(axes) == 1 else 'plane'} of a body without thickness; expected points on it, or another "
+            "inertia"
         )
 
 

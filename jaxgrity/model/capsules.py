@@ -58,8 +58,8 @@ class Nearest(NamedTuple):
 def nearest(surface: Surface, a: NodeVectors, b: NodeVectors, part: AnyArray, leaning: AnyArray) -> Nearest:
     """The nearest points of struts from `a` to `b`, (struts, 3), m, within a `part` (2, struts) of each: s from, s to.
 
-    `leaning`, (struts,), is a slope that is added to that of phi: of a rod that lies on a face, a small one of either
-    sign finds one end of what lies there.
+    `leaning`, (struts,), is a slope that is added to that of phi. If a rod lies on a face, a small slope of either sign
+    finds one end of the part that lies there.
     """
     d = b - a
     size = length(d)

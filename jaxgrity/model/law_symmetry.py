@@ -14,8 +14,8 @@ from jaxgrity.model.scene import Scene, with_gait
 STATES = 32
 """Number of random states at which a law is compared."""
 DECADES = 3.0
-"""Powers of ten over which displacements, speeds and times of these states are spread, so that laws with a short range,
-or one that begins with speed, act in some of them."""
+"""Powers of ten over which displacements, speeds and times of these states are spread. So laws with a short range, or
+laws that need speed, act in some of them."""
 AS_EQUAL = 1e-8
 """Largest difference between a state and its image that counts as rounding, as a share of what all states differ by."""
 

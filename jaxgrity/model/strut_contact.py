@@ -129,9 +129,9 @@ def with_contact_between_struts(
         `ExactStrutContact` (exact contact), among its terms.
 
     Raises:
-        InputError: no struts, or no two without a common node; a radius that is not positive; pairs that are not there,
-            share a node, or come twice; spring struts without a ground; another friction law; struts that overlap at
-            the start; a scene that has such contact already.
+        InputError: no struts, or no two without a common node. A radius that is not positive. Pairs that do not exist,
+            share a node, or come twice. Spring struts without a ground, or another friction law. Struts that overlap at
+            the start. A scene that has such contact already.
 
     Example:
         >>> scene = jaxgrity.model.with_contact_between_struts(jaxgrity.load_scene("exact"), radius=0.01)

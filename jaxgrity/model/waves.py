@@ -1,9 +1,9 @@
 """Waves of actuation: gaits that the rotations of a structure map on themselves, but for a shift of time.
 
 Let a rotation g take actuator k to g(k). A gait whose phases have p_g(k) = p_k + s(g) for all k is mapped by g on
-itself at another time. If that holds for all rotations, the robot meets the same gait, each at another moment, on all
-faces that rotations map on each other; and on no face about whose axis the structure turns into itself are all members
-in step. The shifts s are a homomorphism from the rotations to the circle: a character.
+itself at another time. If that holds for all rotations, rotations map faces on faces with the same gait at another
+moment. On a face about whose axis the structure turns into itself, members are then not all in step. The shifts s are a
+homomorphism from the rotations to the circle: a character.
 """
 
 from collections.abc import Sequence

@@ -91,8 +91,8 @@ def way_along(path: Float[AnyArray, "places 2"], angle: Scalar) -> Scalar:
     """The mean distance from one place to the next, along a line or about the centre of a turning motion.
 
     A motion that turns by `angle` (rad) from place to place is c + exp(i angle k) w_k with its centre c, and w the same
-    in every cycle. Turned back, the steps of a whole cycle have the mean angle |mean w|, but for the chord of one step:
-    it does not depend on the moment at which the cycle begins, and counts no swaying about the mean.
+    in every cycle. Turned back, the steps of a whole cycle have the mean angle |mean w|, up to the chord of one step.
+    This mean does not depend on the moment at which the cycle begins. Swaying about the mean does not count.
     """
     xp = namespace_of(path)
     (dx, dy), back = xp.diff(path, axis=0).T, angle * (xp.arange(len(path) - 1) + 0.5)

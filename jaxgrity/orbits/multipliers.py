@@ -53,12 +53,11 @@ def floquet_multipliers(
 ) -> FloquetMultipliers:
     """Floquet multipliers from the derivative of the map of the state (q, v) over one cycle.
 
-    With P the state after a cycle, and G(x) the shift and the turn that bring P(x) back to the place and the heading of
-    the orbit's state x*, the map is R(x) = G(x) P(x), and maps states with that centre and heading on such. DP is
-    computed by tangents in forward mode, one for each coordinate of the state, through the same steps as a rollout's.
-    DR follows from it, and has 6 eigenvalues for each node, less 3 (2 on a slope). The
-    generators g of shifts and turns are left out. For them DP g(x) = g(P(x)) if the scene is symmetric; `neutral` shows
-    how well this holds.
+    P(x) is the state after a cycle. G(x) is the shift and the turn that bring P(x) back to the place and the heading of
+    the orbit's state x*. The map is R(x) = G(x) P(x), among states with this place and heading. DP is computed by
+    tangents in forward mode, one for each coordinate of the state, through the same steps as a rollout's. DR follows
+    from it, and has 6 eigenvalues for each node, less 3 (2 on a slope). The generators g of shifts and turns are left
+    out. For them DP g(x) = g(P(x)) if the scene is symmetric; `neutral` shows how well this holds.
 
     The derivative is that of the stepped motion: contacts, sticking and taut cables are in each step as on the orbit.
     With exact contact and rigid struts, some (q, v) are impossible. The impulses of the first steps undo deviations
@@ -77,8 +76,8 @@ def floquet_multipliers(
         The multipliers, neutral and others separately.
 
     Raises:
-        InputError: bad options (see `resolve`), a method that adapts its step, an orbit whose rollout failed, a
-            structure with supports, a scene without a gait, a ground that is no plane, `after` below 0.
+        InputError: bad options (see `resolve`), or a method that adapts its step. An orbit whose rollout failed. A
+            structure with supports, a scene without a gait, or a ground that is no plane. `after` below 0.
 
     Example:
         >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))

@@ -36,8 +36,8 @@ SETTLED_TO = 1e-5
 """Largest change of any derivative over a cycle, as a share of the largest derivative, at which tangents have
 settled."""
 TINY = 1e-9
-"""Size below which a derivative counts as zero: m/s or rad/s for a change of 1 in a number of the gait, for a body of
-one metre."""
+"""Size below which a derivative counts as zero, m/s or rad/s for a body of one metre. The derivative is that by a
+number of the gait."""
 
 
 class GaitNumbers(NamedTuple):

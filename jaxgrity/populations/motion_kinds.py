@@ -108,15 +108,15 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     Lengths, speeds and times are relative to the body's own (`scales.py`). Contact and slip are measured along the
     ground and its normal, displacement and path in x and y. The `kind` is the first of these that applies:
 
-    "hops": in the air for more than `HOPPING` of the time, also on the spot;
-    "stays": its path is less than `STAYING` diameters wide, the longest distances between two built nodes;
-    "turns on the spot": its path is less than a diameter wide, and goes round (`ROUND`), over more faces than one;
-    "rocks": its path is less than a diameter wide, and it stood on a face again, or comes and goes (`COMING_BACK`);
-    "slides": changes face less than once for each diameter of its way, without balls that grip;
-    "rolls", straight on or in circles.
+    - "hops": the robot is in the air for more than `HOPPING` of the time, also on the spot.
+    - "stays": its path is less than `STAYING` diameters wide (longest distances between two built nodes).
+    - "turns on the spot": its path is less than a diameter wide and goes round (`ROUND`), over more faces than one.
+    - "rocks": its path is less than a diameter wide. It stood on a face again, or comes and goes (`COMING_BACK`).
+    - "slides": it changes face less than once for each diameter of its way, without balls that grip.
+    - "rolls": all else, straight on or in circles.
 
-    Raises `InputError` without ground, where the trajectory failed, has no two frames after the gait's start, or frames
-    further apart than twice the time for which a face has to last, or as `faces` does.
+    Raises `InputError` as `faces` does, without ground, and for a failed trajectory. At least two frames have to follow
+    the gait's start, no further apart than twice the time for which a face has to last.
     """
     ground = scene.ground
     if ground is None:
@@ -133,7 +133,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     apart, longest = float(np.diff(times).max()), 2 * LASTING * time
     if apart > longest + TIME_ROUNDING * time:
         raise InputError(
-            f"the trajectory's frames are up to {apart:.3g} s apart, in which a robot of this size may roll; expected "
+            f"the trajectory's frames are up to {apart:.3g} s apart, and miss changes of face; expected "
             f"a frame_rate of at least {1 / longest:.4g}"
         )
     phi, heights, axes = _distances(ground, np.asarray(trajectory.positions, float)[moving])

@@ -43,9 +43,9 @@ def animate(
 
     A GIF in a loop, or an MP4 for a file name with that ending, with imageio-ffmpeg installed.
 
-    It shows struts (red, thick), cables (dark, thin), nodes, ground and the path of the centre of mass as it grows,
-    projected onto the ground, between axes in metres; the title gives time (s) and horizontal distance (m) from the
-    start. The file appears whole or not at all.
+    It shows struts (red, thick), cables (dark, thin), nodes and ground, between axes in metres. The path of the centre
+    of mass grows on the ground. The title gives time (s) and horizontal distance (m) from the start. The file appears
+    whole or not at all.
 
     Args:
         scene: the robot, and its ground where it has one.
@@ -62,8 +62,8 @@ def animate(
         Nothing: the result is the file.
 
     Raises:
-        InputError: where `frame_rate` is not a positive, finite number, `width` is not from 100 to 4000, `camera`
-            is neither of the two, a position is not finite, or an MP4 is asked for and imageio-ffmpeg is not installed.
+        InputError: a `frame_rate` that is not positive and finite, a `width` that is not from 100 to 4000, or another
+            `camera`. A position that is not finite. An MP4 without imageio-ffmpeg installed.
     """
     film = _checked(path, frame_rate, width, camera)
     check_motion(trajectory)

@@ -156,8 +156,10 @@ def fidelity_figure(
             both = np.zeros((2, 1))
         axes.plot(*[[both.min(), both.max()]] * 2, color=CABLE, linewidth=0.8, label="equal")
         axes.set(xlabel=f"{names[-1]} ({unit})", ylabel=f"{names[k]} ({unit})")
-        axes.set_title(f"rank correlation {ranked(every[k, -1])}, of the evolved {ranked(among[k, -1])}", fontsize=10.5)
-        axes.legend()
+        # two lines, since one of its own width would run into the next title
+        known = f"rank correlation: {ranked(every[k, -1])}\namong evolved gaits: {ranked(among[k, -1])}"
+        axes.set_title(known, fontsize=10.5)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 
@@ -184,7 +186,7 @@ def robust_figure(gaits: dict[str, np.ndarray], unit: str) -> Figure:
         ylabel="share of the robots",
         title="what perturbed robots reach",
     )
-    axes.legend(loc="upper left")
+    figure.legend(loc="outside lower center")
     return figure
 
 

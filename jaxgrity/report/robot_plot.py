@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.proj3d import proj_transform
@@ -24,6 +25,10 @@ from jaxgrity.trust.energy_audit import EnergyAudit
 
 ROUNDING = 1e-9
 """Share of the largest force up to which a cable's tension is rounding: it counts as slack."""
+VISIBLE = 2e-3
+"""Share of a length below which its distance to the rest length cannot be seen in a figure."""
+COLOURS = 8
+"""Number of colours of the style sheet, and so the most members with a colour each."""
 
 
 def drawn_lines(structure: Structure) -> list[tuple[np.ndarray, str, float]]:
@@ -134,6 +139,15 @@ def _kinds_of_members(structure: Structure) -> list[tuple[str, Members]]:
     return kinds
 
 
+def _lines_of_members(axes: Axes, times: np.ndarray, rows: np.ndarray, members: Members) -> list[Line2D]:
+    """A line for each member, of the columns of (frames, members). Many are grey: their colours would repeat."""
+    if len(members.edges) > COLOURS:
+        return axes.plot(times, rows, linewidth=0.8, color=CABLE, alpha=0.5)
+    lines = axes.plot(times, rows, linewidth=1, label=[f"{i}-{j}" for i, j in members.edges])
+    axes.legend(title="nodes", loc="center left", bbox_to_anchor=(1, 0.5))
+    return lines
+
+
 @styled
 def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     """Length of every member against time, with the actuated members' rest lengths as dashed lines."""
@@ -145,16 +159,13 @@ def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):
         lengths = np.array([built_lengths(members, x) for x in q])
         rest = np.asarray(rest_lengths_along(members, scene.gait, with_room(times, q.shape[1]), first))[: len(times)]
-        many, dashed = len(members.edges) > 8, ""
-        for k, edge in enumerate(members.edges):
+        lines, dashed = _lines_of_members(axes, times, lengths, members), ""
+        for k, line in enumerate(lines):
             actuated = scene.gait is not None and first + k in scene.gait.members
-            line = axes.plot(times, lengths[:, k], linewidth=1, label=None if many else f"{edge[0]}-{edge[1]}")[0]
-            if actuated:
+            if actuated and not np.allclose(rest[:, k], lengths[:, k], rtol=VISIBLE, atol=0):
                 dashed = ", dashed: rest length"
                 axes.plot(times, rest[:, k], "--", linewidth=1, color=line.get_color(), alpha=0.7)
         axes.set(xlabel="time (s)", ylabel="length (m)", title=f"{name}{dashed}")
-        if not many:
-            axes.legend(title="nodes", loc="center left", bbox_to_anchor=(1, 0.5))
         first += len(members.edges)
     return figure
 
@@ -168,13 +179,10 @@ def force_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     first = 0
     for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):
         rows = forces[:, first : first + len(members.edges)]
-        for k, edge in enumerate(members.edges):
-            axes.plot(times, rows[:, k], linewidth=1, label=f"{edge[0]}-{edge[1]}")
+        _lines_of_members(axes, times, rows, members)
         pulls = rows > ROUNDING * np.abs(forces).max(initial=0)
         slack = f", {np.mean(~pulls):.0%} of the time slack" if name == "cables" else ""
         axes.set(xlabel="time (s)", ylabel="tension (N)", title=f"{name}{slack}")
-        if len(members.edges) <= 8:
-            axes.legend(title="nodes", loc="center left", bbox_to_anchor=(1, 0.5))
         first += len(members.edges)
     return figure
 

@@ -62,9 +62,8 @@ def open_checkpoint(
 ) -> Iterator[Checkpoint]:
     """Hold `folder` for this process alone, and find out what of a search with these settings is there.
 
-    Raises `InputError` where another process holds it; where it has an unfinished search and neither `resume` nor
-    `restart` is asked for; where there is nothing to resume, or it had other settings; where the folder cannot be
-    written to.
+    Raises `InputError` if another process holds it, or if it cannot be written to. An unfinished search in it needs
+    `resume` or `restart`. To resume needs a search with the same settings.
     """
     with contextlib.ExitStack() as held:
         try:

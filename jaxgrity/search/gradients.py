@@ -143,9 +143,9 @@ def smoothed_gradients(
 def right_angled(key, shape: tuple[int, int, int], dtype) -> Float[AnyArray, "starts pairs genes"]:
     """Directions at right angles to each other, as many at a time as there are genes, turned at random.
 
-    Each is as long as a normal deviate is in the mean square. Where there are as many as genes, or a multiple of it,
-    the mean of e e^T is exactly 1, and directions by themselves add no noise to a gradient
-    (Choromanski, Rowland, Sindhwani, Turner, Weller 2018, arXiv:1804.02395).
+    Each is as long as a normal deviate is in the mean square. If their number is that of the genes, or a multiple of
+    it, the mean of e e^T is exactly 1. Then directions by themselves add no noise to a gradient (Choromanski, Rowland,
+    Sindhwani, Turner, Weller 2018, arXiv:1804.02395).
     """
     normal, size = np.asarray(draws.normal(key, shape, dtype)), shape[-1]
     # NumPy: a program to compile for some hundred numbers would take longer than they do

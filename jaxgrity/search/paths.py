@@ -18,8 +18,8 @@ PARTS = 24
 SETTLING = 0.25
 """First share of a rollout, which steady objectives ignore while the robot settles."""
 LONGEST_PART = 2.5
-"""Longest time between two looks at a path, s for a body of one metre: a path must turn by less than half a circle in
-it."""
+"""Longest time between two looks at a path, s for a body of one metre. In that time a path must turn by less than half
+a circle."""
 QUARTERS = 4
 """Factor of the number of parts, so that one part ends where `SETTLING` does."""
 
@@ -49,8 +49,8 @@ def whole_cycles(scene: Scene, duration: float, cycle: float) -> tuple[int, floa
 def path_bend(scene: Scene, outcomes: Outcomes, duration: Scalar) -> tuple[PerGait, PerGait]:
     """Speed along the path, body lengths/s, and its bend, rad per body length to the left, of the settled part.
 
-    The path is made of arcs that turn alike, through the centre of mass at the ends of the parts of the time: of each
-    the chord is its length times sin(a/2)/(a/2), where it turns by a. On a slope it is looked at along that. How a
+    The path is made of arcs that turn alike. They go through the centre of mass at the ends of the parts of the time.
+    An arc that turns by a has a chord of its length times sin(a/2)/(a/2). On a slope it is looked at along that. How a
     robot sways counts too, but where parts are whole numbers of cycles. `duration` is in s.
     """
     steps = jnp.diff(_settled(_along_ground(scene, outcomes.com_path)), axis=1)

@@ -27,8 +27,8 @@ from jaxgrity.search.paths import parts_of, path_bend, path_size
 from jaxgrity.stepping.options import Options
 
 WIDE = 0.5
-"""Smallest width of a path that gets on, as a share of that of a line or circle of its length and bend: less is
-swaying."""
+"""Smallest width of a path that advances, as a share of the width of a line or circle of its length and bend. A
+narrower path only sways."""
 
 
 class RepertoireConfig(NamedTuple):

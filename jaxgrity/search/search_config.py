@@ -28,8 +28,8 @@ UNCERTAIN = Uncertainty(phase=0.03, actuation=0.02, friction=0.2, cable_stiffnes
 DRAWN = 4
 """Number of gaits drawn at random for the first generation of a wide search, as a multiple of the population."""
 MUTATIONS = ((0.12, 0.01), (0.02, 0.004))
-"""Standard deviations of mutations in the first and last generation, as shares of the circle: of a wide screening, and
-of the generations after it."""
+"""Standard deviations of mutations, as shares of the circle, in the first and last generation: first for a wide
+screening, then for the generations after it."""
 NO_GAIT = (
     'the scene has no [gait]; expected one to begin from, such as [gait] members = "struts", amplitude = 0.3, '
     "frequency = 0.8, phase = { seed = 1 }"

@@ -33,13 +33,13 @@ ITERATIONS = 500
 PATIENCE = 30
 """Most steps with rigid struts from where they are given; from there on by way of struts that give way."""
 GIVING = 100.0
-"""Stiffness of springs in place of rigid struts that give way, as a multiple of the stiffest cable's; without cables in
-loads over the structure's size: by a hundredth."""
+"""Stiffness of springs in place of rigid struts, as a multiple of the stiffest cable's. Without cables, it is a
+multiple of the loads over the structure's size: springs then give way by a hundredth."""
 SMALLEST_SHIFT, LARGEST_SHIFT = 1e-12, 1e6
 """Limits of the shift of the stiffness matrix, as shares of its largest diagonal entry."""
 RESISTANCE = 1e-8
-"""Smallest shift as a share of the softest member's stiffness: where no member resists a motion, rounding of the forces
-moves nodes by less than what then tightens slack cables."""
+"""Smallest shift as a share of the softest member's stiffness. It limits motions that no member resists: rounding of
+the forces moves nodes too little to tighten slack cables."""
 
 
 class RestingShape(NamedTuple):

@@ -52,8 +52,8 @@ def touching_points(scene: Scene, h: Scalar, start: State) -> TouchingPoints:
 
     Each part of a strut has two. The first is the nearest one. In contact its plane has the normal at the start of the
     step, and the distance where the strut is if it follows the ground. If the strut arrives in the step, it is the
-    plane that it touches first. The second point is where a strut in contact would end in the ground at another place;
-    or the other end of what lies along a face, of a strut that leans to it by less than `LEANING`.
+    plane that it touches first. The second point is where a strut in contact would end in the ground at another place.
+    If a strut leans to a face by less than `LEANING`, it is the other end of the part that lies along this face.
     """
     size, rows = length_scale(scene), _rows(scene, h, start)
     first, approach = rows.at(jnp.zeros_like(rows.way[0]), jnp.zeros_like(rows.way[1]))

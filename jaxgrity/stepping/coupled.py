@@ -7,9 +7,10 @@ All struts are solved together. The impulses f along them and the ground's impul
 with A the mobility of the nodes (`inertia.mobility`) and J the directions of the struts at the start of the step, as in
 `constraints.py`. The struts' Delassus matrix J A J^T is factorised once; what is left, B = A - A J^T (J A J^T)^-1 J A,
 couples the contacts, which `coupled_contacts.py` solves. Some rounds of both make up for the turning of struts within
-the step. Where a strut turns so far that no impulse along its direction at the start meets its length (a light node
-between heavy ones snaps through, say), directions at the end take their place: velocities are then projected on the
-constraints step by step, as by Gauss and Newton, which loses some energy and has a solution.
+the step. A strut may turn so far that no impulse along its direction at the start meets its length: for instance, when
+a light node snaps through between heavy ones. Then directions at the end of the step take their place. Velocities are
+projected on the constraints by iterations, as in Gauss and Newton's method. That has a solution, and loses some
+energy.
 
 Derivatives are those of the solution (implicit function theorem), in forward and in reverse mode.
 """

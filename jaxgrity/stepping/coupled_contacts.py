@@ -5,12 +5,12 @@ Given G, b and c, find impulses p and velocities w with
     w = b + G p,    p_n >= 0,  w_n >= c,  one of them an equality,    |p_t| <= mu p_n, against the slip where less.
 
 Both laws hold for every trial impulse z, with p = P(z) and w = P(z) - z (see `ground_response.py`), so z has to solve
-H(z) = z - P(z) + b + G P(z) = 0. Newton's method does in a few iterations in most cases, where P' is a generalised
-derivative (Alart and Curnier 1991, doi:10.1016/0045-7825(91)90022-X). Where it does not, the alternating direction
-method of multipliers brings it near: the cone's problem in which the slip w_t of the last iteration adds mu |w_t| to
-w_n (de Saxce and Feng 1998, doi:10.1016/S0895-7177(98)00119-8) is split into a linear system, whose matrix is G + rho,
-and a projection on the cones. Masses count in neither of both: G is scaled so that each node's own block has the mean
-1, which makes rho = 1 a fair start, and z is in m/s times the root of the mass.
+H(z) = z - P(z) + b + G P(z) = 0. In most cases Newton's method solves this in a few iterations, with a generalised
+derivative P' (Alart and Curnier 1991, doi:10.1016/0045-7825(91)90022-X). Otherwise the alternating direction method of
+multipliers brings it near. It solves the cone's problem in which the slip w_t of the last iteration adds mu |w_t| to
+w_n (de Saxce and Feng 1998, doi:10.1016/S0895-7177(98)00119-8). It splits this problem into a linear system, with the
+matrix G + rho, and a projection on the cones. Masses do not matter in either method: G is scaled so that each node's
+own block has the mean 1. So rho = 1 is a fair start, and z is in m/s times the root of the mass.
 """
 
 from collections.abc import Callable

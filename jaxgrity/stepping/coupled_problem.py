@@ -27,11 +27,11 @@ from jaxgrity.stepping.ground_response import SLOWEST, Contact
 from jaxgrity.stepping.strut_contacts import StrutContacts, TouchingStruts, points_between
 
 NEVER = 1e6
-"""Speed, m/s for a body of one metre, at which a node that is fixed in all directions would have to move down to touch
-the ground. It never does, so the ground does not act on it."""
+"""Speed, m/s for a body of one metre. A node that is fixed in all directions touches the ground only if it moves down
+at this speed. It never does, so the ground does not act on it."""
 SLOW = 1e-2
-"""Speed, m/s for a body of one metre, that is added to a robot's largest one before the tolerance of contacts is taken
-as a share of it: a robot at rest needs a tolerance too."""
+"""Speed, m/s for a body of one metre. The tolerance of contacts is a share of the robot's largest speed plus this one,
+since a robot at rest needs a tolerance too."""
 REDUNDANT = 1e-11
 """Share of each strut's own response that is added to the diagonal of J A J^T. Structures with more struts than
 rigidity needs make that matrix singular."""

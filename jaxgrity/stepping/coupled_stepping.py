@@ -23,8 +23,8 @@ from jaxgrity.stepping.coupled import coupled_impulses
 from jaxgrity.stepping.strut_contacts import TouchingStruts, points_between, touching_struts
 
 LARGEST_SPEED_ERROR = 1e-3
-"""Largest difference, m/s for a body of one metre, between a velocity and what the impulses make of it, where struts
-and contacts are solved together."""
+"""Largest difference, m/s for a body of one metre, between a velocity and the one that the impulses give, if struts and
+contacts are solved together."""
 
 
 class CoupledImpulses(Complementarity):

@@ -17,16 +17,16 @@ the one that it came through."""
 ROUNDINGS = 16
 """The same depth in roundings of the body's length. The larger of both counts."""
 SAME_SIDE = 0.5
-"""Smallest cosine of the angle between the normals where a node enters a solid and where its way ends, at which a later
-step would still push the node out of the face that it came through."""
+"""Smallest cosine of the angle between two normals: where a node enters a solid, and where its way ends. Up to that
+angle, a later step still pushes the node out of the face that it came through."""
 DEEPEST = 8.0
 """Factor on the node's way and on its distance from a solid. A solid that the node would leave on another side counts
 as deeper by that much, so that the node meets it before all others."""
 TRIALS = 16
 """Most places on a node's way at which the search for its entry looks at the ground. Most searches need two."""
 FOUND = 4
-"""The search ends at a place that is inside, but beyond the depth where the inside begins by less than this many times
-that depth."""
+"""The search ends at a place inside, if its depth there is less than this many times the depth at which the inside
+begins."""
 
 HARD = 2.0
 """Smallest speed of a hard impact, in units of the speed that a step's acceleration gives. A slower bounce lasts for a
@@ -55,8 +55,8 @@ def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: N
     balls about them, touch it first (`_followed`). Impulses move nodes a little from their way, and the gap is wrong by
     the square of that. A node whose way leads into ground with edges meets it where it enters: farther on another face
     may be nearer. One that stands meets the wall that it runs into. Of several solids it meets the one in which it
-    would end deepest, but before any other one out of which it would come on another side: where it lies on one, it may
-    run into the next.
+    would end deepest. A solid that it would leave on another side comes before all others: a node that lies on one
+    solid may run into the next.
     """
     surface = ground.surface
     if surface is None:

@@ -94,10 +94,9 @@ def stepped(
 ) -> Carried:
     """What the method of `scheme` carries at the second of `times`, s, from the start at the first one.
 
-    It is stepped inside two nested scans.
-    On the way back the inner scan is run again, segment by segment; a method that recomputes its stages then does so
-    once more, any other is run again step by step, but for sweeps whose results are kept (`SWEPT`). Where the steps do
-    not divide into two such scans there are a few more of them, as much smaller.
+    It is stepped inside two nested scans. On the way back the inner scan runs again, segment by segment. A method that
+    recomputes its stages then does so once more. Any other method runs again step by step, except for sweeps, whose
+    results are kept (`SWEPT`). If the steps do not divide into two such scans, there are a few more, smaller steps.
     """
     since, until = times
     if steps is None:

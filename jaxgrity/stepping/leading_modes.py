@@ -21,8 +21,8 @@ MODES = 8
 ROUNDS = 12
 """Most rounds: each seeks the motions that grow most at a step a little above the limit found so far."""
 ABOVE = (1.1, 1.001)
-"""Those steps, as multiples of the limit found so far: at first where few motions grow much, which are found quickly,
-then close to the limit, where no other motion grows more than the one that sets it."""
+"""These steps, as multiples of the limit found so far. At the first, few motions grow much, and are found quickly. The
+second is close to the limit, where the motion that sets the limit grows most."""
 SEEN, RESTARTS = 40, 20
 """Size of the space in which Arnoldi's method looks for motions, and most of its restarts."""
 AGAINST = 10.0

@@ -131,10 +131,10 @@ def resolve(
         since: time of the start, s; rigid struts must have their lengths at that time.
 
     Raises:
-        InputError: an unknown method or precision; a duration that is not positive and finite; a `dt` too large for the
-            scene (a warning with `any_step`); a method that cannot satisfy the scene's constraints, or a start that
-            violates them; a symplectic method for a scene that dissipates; sweeps, or a tolerance for them, for a
-            method without sweeps; a tolerance finer than the precision; float64 while JAX's x64 mode is off.
+        InputError: an unknown method or precision, or a duration that is not positive and finite. A `dt` too large for
+            the scene (a warning with `any_step`). A method that cannot satisfy the scene's constraints, or a start that
+            violates them. A symplectic method for a scene that dissipates. Sweeps, or a tolerance for them, for a
+            method without sweeps. A tolerance finer than the precision. Float64 while JAX's x64 mode is off.
     """
     check_number("duration", duration, above=0.0, unit="s")
     check_start(scene, positions, since)

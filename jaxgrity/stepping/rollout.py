@@ -61,8 +61,8 @@ def rollout(
         Positions, velocities, and whether they are valid.
 
     Raises:
-        InputError: a known start that violates rigid struts or exact contact; arrays of the wrong shape; times that do
-            not ascend; bad options (see `resolve`), or a method that adapts its step; traced times without `steps`.
+        InputError: a known start that violates rigid struts or exact contact. Arrays of the wrong shape, or times that
+            do not ascend. Bad options (see `resolve`), or a method that adapts its step. Traced times without `steps`.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")

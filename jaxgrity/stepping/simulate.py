@@ -166,9 +166,9 @@ def simulate(
         `velocities_midway` for energies and slip (see `Trajectory.velocities`).
 
     Raises:
-        InputError: bad options (see `resolve`), positions or velocities of the wrong shape, velocities that move
-            supports, or that stretch rigid struts where the method has no impulses to correct them, or a frame rate
-            that is not positive and finite.
+        InputError: bad options (see `resolve`), or a frame rate that is not positive and finite. Positions or
+            velocities of the wrong shape. Velocities that move supports, or that stretch rigid struts if the method has
+            no impulses to correct them.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")

@@ -36,10 +36,10 @@ def ball(struts: int = 30, strut_length: float = 1.0) -> Geometry:
     """A super-stable ball of 6, 12 or 30 struts that do not touch, and three times as many cables.
 
     Nodes are the images g x of one node under a rotation group; cables join g x with g c x and g e x, struts with g s
-    x. A node is in equilibrium where ((c + c' - 2) + (e - 1) + w (s - 1)) x = 0, both kinds of cables having the force
-    density 1: the determinant is a polynomial in the strut's density w, and x its null vector (Connelly and Back 1998,
-    "Mathematics and tensegrity", American Scientist 86). The root is the one nearest to 0, where Omega has no negative
-    eigenvalue. Raises `InputError` for another number of struts.
+    x. Both kinds of cables have the force density 1, and struts w. A node is in equilibrium where ((c + c' - 2) + (e -
+    1) + w (s - 1)) x = 0. The determinant of this matrix is a polynomial in w, and x is its null vector (Connelly and
+    Back 1998, "Mathematics and tensegrity", American Scientist 86). We take the root nearest to 0, where Omega has no
+    negative eigenvalue. Raises `InputError` for another number of struts.
     """
     if struts not in FORMS:
         raise InputError(f"struts = {struts}: expected 6, 12 or 30, the balls of which the form is known")

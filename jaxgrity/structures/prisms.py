@@ -48,13 +48,13 @@ def tower(
 ) -> Geometry:
     """Stages of n struts with alternating twist, each overlapping the next: no two struts touch.
 
-    `overlap` is the share of its height by which a stage reaches into the next. Between them, saddle cables join
-    upper ring and lower ring in a zigzag, and vertical cables lower with lower and upper with upper rings; each stage
-    has diagonal cables, and both ends a polygon (the "SVD" tower of Sultan, Corless and Skelton 2001; in
-    cylinders, Nishimura and Murakami 2001). By symmetry there are as many orbits of members as equations, so a stress
-    exists where a determinant is zero: that decides the twist of the stages. With an overlap of 0 stages are prisms
-    that share their rings instead, and struts meet there. Raises `InputError` where no twist carries a stress with
-    every cable in tension.
+    `overlap` is the share of its height by which a stage reaches into the next. Between two stages, saddle cables join
+    upper ring and lower ring in a zigzag. Vertical cables join lower with lower rings, and upper with upper rings. Each
+    stage has diagonal cables, and both ends have a polygon. This is the "SVD" tower of Sultan, Corless and Skelton
+    2001; for cylinders see Nishimura and Murakami 2001. By symmetry there are as many orbits of members as equations,
+    so a stress exists where a determinant is zero: that decides the twist of the stages. With an overlap of 0 stages
+    are prisms that share their rings instead, and struts meet there. Raises `InputError` where no twist carries a
+    stress with every cable in tension.
     """
     at_least("struts", struts, 3)
     at_least("stages", stages, 1)

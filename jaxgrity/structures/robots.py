@@ -23,8 +23,8 @@ FOOT = 0.05
 
 
 Fixing = tuple[float, float]
-"""Where a cable is fixed to a rod: its distance from the rod's end along the axis, and from the axis towards the other
-rod, as shares of the rod's length."""
+"""Place at which a cable is fixed to a rod: its distance from the rod's end along the axis, and its distance from the
+axis towards the other rod. Both are shares of the rod's length."""
 
 
 def capped_robot(

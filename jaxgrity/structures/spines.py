@@ -13,9 +13,9 @@ def tetrahedral_spine(vertebrae: int = 3, width: float = 0.3, height: float = 0.
     """A stack of tetrahedra of six struts, each pair joined by four vertical and four saddle cables.
 
     Nodes 4k to 4k + 3 are vertebra k's: two low ones along x, two high ones along y, `width` apart, `height` m higher.
-    With `spacing` less than `height` the next vertebra's low nodes hang in saddle cables from this one's high nodes,
-    which pull it up against the vertical cables (Mirletz, Park, Flemons, Agogino, Quinn and SunSpiral 2014, "Design and
-    control of modular spine-like tensegrity structures"; Sabelhaus et al. 2017).
+    If `spacing` is less than `height`, the next vertebra's low nodes hang in saddle cables from this one's high nodes.
+    These cables pull it up against the vertical cables. Sources: Mirletz, Park, Flemons, Agogino, Quinn and SunSpiral
+    2014, "Design and control of modular spine-like tensegrity structures"; Sabelhaus et al. 2017.
     """
     at_least("vertebrae", vertebrae, 2)
     half = width / 2

@@ -33,7 +33,7 @@ from jaxgrity.stepping.rigid_multipliers import rigid_forces, vector_field_with_
 from jaxgrity.stepping.simulate import frame_times, with_room
 
 BESIDE = 1e-9
-"""Time between a frame and the moments just before and after it at which the gait is evaluated, s for a body of one
+"""Time from a frame to the moments just before and after it, at which the gait is evaluated, s for a body of one
 metre."""
 
 

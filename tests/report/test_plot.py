@@ -1,6 +1,7 @@
 """Figures: in one style that leaves Matplotlib's own alone, readable where README shows them, and saying what is so."""
 
 import dataclasses
+import itertools
 
 import matplotlib
 import numpy as np
@@ -131,3 +132,27 @@ def test_a_still_shows_the_whole_robot(reference, stretch):
     border = [pixels[:2], pixels[-2:], pixels[:, :2], pixels[:, -2:]]
     assert all((edge == 255).all() for edge in border)
     assert (pixels != 255).any(-1).sum() > 2000
+
+
+def test_titles_and_legends_cover_nothing():
+    """Titles side by side fit where no correlation is known, and legends are outside of the axes."""
+    known = np.full((3, 3), np.nan)
+    levels = plot.fidelity_figure(("screening", "own", "both"), np.eye(3, 8), 3, (known, known), "body lengths/s")
+    speeds = np.linspace(0.4, 0.6, 8)
+    robots = plot.robust_figure({"other contact model": speeds, "found": speeds, "before polish": speeds}, "m/s")
+    for figure in (levels, robots):
+        figure.draw_without_rendering()
+        titles = [axes.title.get_window_extent() for axes in figure.axes]
+        assert all(figure.bbox.x0 <= title.x0 and title.x1 <= figure.bbox.x1 for title in titles)
+        assert all(one.x1 < other.x0 for one, other in itertools.pairwise(titles))
+        (legend,) = figure.legends
+        assert not any(legend.get_window_extent().overlaps(axes.bbox) for axes in figure.axes)
+
+
+def test_members_have_a_colour_each_or_all_the_same(figures):
+    """Six struts have six, and 24 cables one; rest lengths are drawn only where they differ: not of rigid struts."""
+    for name in ("members", "forces"):
+        struts, cables = figures[name].axes
+        assert len(struts.lines) == len({line.get_color() for line in struts.lines}) == 6
+        assert len(cables.lines) == 24
+        assert len({line.get_color() for line in cables.lines}) == 1
