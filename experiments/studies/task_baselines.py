@@ -71,7 +71,6 @@ def task_baselines(
     episodes: int = 16,
     led: int = 16,
     seconds: float = 10.0,
-    seed: int = 0,
     earlier: Path | None = None,
 ) -> Iterator[Record]:
     """A row for each task: what each controller reaches.
@@ -83,11 +82,10 @@ def task_baselines(
         episodes: of each candidate in each generation, and of each controller in the end, on others
         led: episodes of the predictive controller
         seconds: s, of an episode
-        seed: of all draws
         earlier: record of a run with the same settings: only the policies of the library are tried anew
     """
     check_names("tasks", tasks, TASKS)
-    training = Training(generations, candidates, episodes, seed)
+    training = Training(generations, candidates, episodes, seed=0)
     rows = {} if earlier is None else {row["task"]: row for row in json.loads(read_text(earlier))["rows"]}
     check_names("tasks", tasks, TASKS if earlier is None else rows)
     strategy = built(candidates) if earlier is None else None
