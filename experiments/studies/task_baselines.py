@@ -1,15 +1,17 @@
-"""What simple controllers reach in the environments: a gait as it is, feedback, predictive control, a trained policy.
+"""What controllers reach in the environments: a gait as it is, feedback, predictive control, and what was learned.
 
 The trained policy is feedback with steering, whose eleven numbers CMA-ES of evosax (extra `baselines`) adapts to each
 task: gains, gains of swings, factors of amplitude and frequency, and the bend towards the direction that is wanted. It
 is compared on episodes on which it was not trained. What is told is the progress v·d of the reward; training counts
-effort too.
+effort too. The policies of the library join: the one of `speed`, and the one of `heading` in every task with a
+direction.
 """
 
-import time
+import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from shared import Figure, Record, check_names, measurement
@@ -29,16 +31,22 @@ from jaxgrity.control import (
     centre_offsets,
     environment,
     lead_to,
+    load_policy,
     measure,
     progressed,
     sure_footed,
+    trials,
 )
+from jaxgrity.io.files import read_text
 
+TESTED = 10**6
+"""Number of the episodes of the comparison, as if of a generation that no training reaches."""
 FAR = 1000.0
 """m, to a goal that stands for a direction"""
 SCALE = np.array([0.15] * 4 + [0.1] * 4 + [0.1, 0.1, 0.15])
 """of the numbers that are trained, about how far each may move at first"""
 OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE = "open loop", "feedback", "sure-footed", "trained", "predictive"
+LEARNED = "PPO"
 
 
 class Training(NamedTuple):
@@ -63,7 +71,7 @@ def task_baselines(
     episodes: int = 16,
     led: int = 16,
     seconds: float = 10.0,
-    seed: int = 0,
+    earlier: Path | None = None,
 ) -> Iterator[Record]:
     """A row for each task: what each controller reaches.
 
@@ -74,27 +82,39 @@ def task_baselines(
         episodes: of each candidate in each generation, and of each controller in the end, on others
         led: episodes of the predictive controller
         seconds: s, of an episode
-        seed: of all draws
+        earlier: record of a run with the same settings: only the policies of the library are tried anew
     """
     check_names("tasks", tasks, TASKS)
-    strategy, training = built(candidates), Training(generations, candidates, episodes, seed)
+    training = Training(generations, candidates, episodes, seed=0)
+    rows = {} if earlier is None else {row["task"]: row for row in json.loads(read_text(earlier))["rows"]}
+    check_names("tasks", tasks, TASKS if earlier is None else rows)
+    strategy = built(candidates) if earlier is None else None
     for task in tasks:
-        began = time.perf_counter()
         options = SolverOptions(dt=0.01, dtype="float32")
         env = environment(task, load_scene("exact"), options=options, seconds=seconds)
-        rolled = rollouts(env)
-        trained = train(rolled, strategy, training)
-        known = known_controllers() | {TRAINED: trained}
-        progress = dict(zip(known, judged(rolled, list(known.values()), training)))
-        if led:
-            progress[PREDICTIVE] = predicted(env, training, led)
-        yield {
-            "task": task,
-            "trained": trained,
-            "progress": {name: float(own.mean()) for name, own in progress.items()},
-            "error": {name: float(own.std(ddof=1) / np.sqrt(len(own))) for name, own in progress.items()},
-            "seconds": time.perf_counter() - began,
-        }
+        row = rows.get(task) or compared(env, strategy, training, led) | {"task": task}
+        policy = load_policy("heading" if env.task.towards != "anywhere" else "speed")
+        of_policy = told({LEARNED: trials(env, policy, key_of(training, TESTED), episodes)})
+        yield row | {name: row[name] | of_policy[name] for name in of_policy}
+
+
+def compared(env: Environment, strategy, training: Training, led: int) -> Record:
+    """What all controllers but those of the library reach in an environment."""
+    rolled = rollouts(env)
+    trained = train(rolled, strategy, training)
+    known = known_controllers() | {TRAINED: trained}
+    progress = dict(zip(known, judged(rolled, list(known.values()), training)))
+    if led:
+        progress[PREDICTIVE] = predicted(env, training, led)
+    return {"trained": trained} | told(progress)
+
+
+def told(progress: dict[str, np.ndarray]) -> Record:
+    """Mean progress of each controller, m/s, and its standard error."""
+    return {
+        "progress": {name: float(own.mean()) for name, own in progress.items()},
+        "error": {name: float(own.std(ddof=1) / np.sqrt(len(own))) for name, own in progress.items()},
+    }
 
 
 @task_baselines.table
@@ -108,12 +128,10 @@ def words(record: Record) -> str:
                 f"{row['progress'][name]:.2f} ± {2 * row['error'][name]:.2f}" if name in row["progress"] else "-"
                 for name in names
             ),
-            f"{row['seconds'] / 60:.1f} minutes",
         ]
         for row in record["rows"]
     ]
-    rows.append(["in all", *[""] * len(names), f"{sum(row['seconds'] for row in record['rows']) / 60:.1f} minutes"])
-    return table(["progress, m/s", *names, "time for all of these"], rows)
+    return table(["progress, m/s", *names], rows)
 
 
 def judged(rolled: Callable, numbers: list[np.ndarray], training: Training) -> np.ndarray:
@@ -123,7 +141,7 @@ def judged(rolled: Callable, numbers: list[np.ndarray], training: Training) -> n
     while len(found) < len(numbers):
         some = numbers[len(found) : len(found) + training.candidates]
         padded = [*some, *[some[-1]] * (training.candidates - len(some))]
-        found += list(rolled(np.array(padded), keys(training, 10**6))[0][: len(some)])
+        found += list(rolled(np.array(padded), keys(training, TESTED))[0][: len(some)])
     return np.array(found)
 
 
@@ -164,7 +182,13 @@ def train(rolled: Callable, strategy, training: Training) -> np.ndarray:
 
 
 def keys(training: Training, number: int):
-    return jax.random.split(jax.random.key(10**7 * (training.seed + 1) + number), training.episodes)
+    """Keys of episodes; `trials` draws the same ones from `key_of`."""
+    return jax.random.split(key_of(training, number), training.episodes)
+
+
+def key_of(training: Training, number: int):
+    """The key of a generation's episodes."""
+    return jax.random.key(10**7 * (training.seed + 1) + number)
 
 
 def rollouts(env: Environment) -> Callable[[np.ndarray, Any], tuple[np.ndarray, np.ndarray]]:
@@ -218,18 +242,18 @@ def predicted(env: Environment, training: Training, led: int) -> np.ndarray:
     """(episodes,), m/s: progress, counted as for all others, of predictive control whose model is the robot itself."""
     found = []
     policy = controller(np.asarray(known_controllers()[FEEDBACK], np.float32))
-    for number, key in enumerate(keys(training, 10**6)[:led]):
+    for number, key in enumerate(keys(training, TESTED)[:led]):
         state = env.reset(key)
         plant, aim, average, *_ = state.pipeline_state
         goal = np.asarray(wanted(env, aim), float)
         period = env.plant.period
         sampling = Sampling(patience=env.episode * period, per_second=round(1 / period), seed=number)
         there = lead_to(env.plant, env.plant, policy, goal, start=plant.motion, sampling=sampling)
-        told = []
+        steps = []
         for before, place in pairwise(there.path):
             progress, average = progressed(env.task, aim, before, place, env.plant.period, average)
-            told.append(float(progress))
-        found.append(np.mean(told))
+            steps.append(float(progress))
+        found.append(np.mean(steps))
     return np.array(found)
 
 
@@ -239,13 +263,13 @@ def figure(record: Record, chart: Figure) -> None:
     rows = record["rows"]
     chart.set_size_inches(6, 0.75 * len(rows) + 1.4)
     axes = chart.subplots()
-    names = (OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE)
+    names = (OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE, LEARNED)
     for k, name in enumerate(names):
         there = [(place, row) for place, row in enumerate(rows) if name in row["progress"]]
         own = [(place, row["progress"][name], 2 * row["error"][name]) for place, row in there]
         if own:
             places, sizes, errors = (np.array(x) for x in zip(*own))
-            axes.barh(places + 0.16 * (k - 2), sizes, height=0.15, xerr=errors, label=name, error_kw={"lw": 0.8})
+            axes.barh(places + 0.14 * (k - 2.5), sizes, height=0.13, xerr=errors, label=name, error_kw={"lw": 0.8})
     axes.set_yticks(range(len(rows)), [row["task"] for row in rows])
     axes.set(xlabel="progress (m/s), with two standard errors")
     axes.grid(axis="y", visible=False)
