@@ -2,7 +2,7 @@
 
 import numpy as np
 from matplotlib.figure import Figure
-from measurements.stability import at_rest, measure
+from measurements.measured_limits import at_rest, measure
 
 from jaxgrity import METHODS, Scene, SolverOptions, energy_audit, stable_step
 from jaxgrity.report import plot
