@@ -1,5 +1,6 @@
 """The paper's claims at their quick size: each check runs; where size does not matter its verdict is the known one."""
 
+import importlib
 import json
 import re
 import shutil
@@ -44,6 +45,11 @@ def test_every_claim_is_measured_and_judged(name, tmp_path):
     assert report["figures"]
     for picture in report["figures"]:
         assert (tmp_path / picture).stat().st_size > 10_000
+
+
+def test_every_claim_finds_what_it_imports():
+    for name in CLAIMS:
+        assert callable(importlib.import_module(f"paper_claims.{name}").check)
 
 
 def test_the_page_says_what_was_measured():
