@@ -144,7 +144,7 @@ def test_the_page_says_what_is_observed(env):
     sizes = [np.prod(part.shape, dtype=int) for part in seen._replace(place=jnp.zeros(2))]
     ends = np.cumsum(sizes)
     assert [(int(a), int(b)) for a, b, _ in rows] == list(zip(ends - sizes, ends - 1, strict=True))
-    words = ["direction of each", "angular velocity", "length", "tension", "touches", "is wanted", "shortened"]
+    words = ["direction of each", "angular velocity", "length", "tension", "touches", "wanted direction", "contraction"]
     assert all(word in said for word, (_, _, said) in zip(words, rows, strict=True))
     assert seen._fields == ("directions", "spins", "cable_lengths", "tensions", "contact", "place", "contraction")
     assert ends[-1] == env.observation_size == 104

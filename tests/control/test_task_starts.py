@@ -135,7 +135,7 @@ def test_controllers_refuse_starts_that_simulate_refuses(scene):
     plant, nodes = control.plant_of(scene, policy.members), np.asarray(scene.structure.nodes)
     with pytest.raises(InputError, match="m below the ground"):
         control.plant_start(plant, jax.random.key(0), (nodes - [0, 0, 0.5], 0 * nodes))
-    for lost in ((np.nan * nodes, 0 * nodes), (nodes, np.inf * nodes)):
+    for lost in ((np.nan * nodes, 0 * nodes), (nodes, np.full_like(nodes, np.inf))):
         with pytest.raises(InputError, match=r"(positions|velocities)\[0, 0\] = (nan|inf): expected a finite number"):
             control.plant_start(plant, jax.random.key(0), lost)
     held = control.plant_of(replace(scene, structure=replace(scene.structure, fixed=((3, "z"),))), policy.members)
