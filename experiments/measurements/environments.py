@@ -79,11 +79,11 @@ def words(record: Record) -> str:
     """How fast each environment was, and what went wrong."""
     cells = {
         "task": "{task}",
-        "control periods": "{steps}",
-        "wall time for a million": lambda row: f"{1e6 * row['seconds'] / row['steps']:.1f} s",
-        "processor time for a million": lambda row: f"{1e6 * row['processor_seconds'] / row['steps']:.1f} s",
-        "episodes": "{episodes}",
-        "of these failed": "{failed}",
+        "control periods": "{steps:,}",
+        "wall time per million": lambda row: f"{1e6 * row['seconds'] / row['steps']:.1f} s",
+        "processor time per million": lambda row: f"{1e6 * row['processor_seconds'] / row['steps']:.1f} s",
+        "episodes": "{episodes:,}",
+        "episodes that failed": "{failed}",
         "numbers that are not finite": "{not_finite}",
     }
     return columns(record["rows"], cells)

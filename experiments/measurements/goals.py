@@ -91,7 +91,7 @@ def words(record: Record) -> str:
     sampling = record["sampling"]
     looked, often = (
         f"{sampling['samples']} rollouts of {sampling['horizon']:g} s",
-        f"{sampling['interval']:g} s",
+        sampling["interval"],
     )
     share = {name: f"{record[name]} of {record['trials']}" for name in ("reached", "feedback", "open_loop")}
     median = "" if record["seconds"] is None else f", in {record['seconds']:.0f} s (median)"
@@ -99,7 +99,10 @@ def words(record: Record) -> str:
         ["led by a model with nominal friction", share["reached"] + median],
         ["the gait with feedback, which does not know of the goal", share["feedback"]],
         ["the gait as it is", share["open_loop"]],
-        [f"a choice from {looked}", f"{record['real_time']:.2g} times faster than the {often} available"],
+        [
+            f"time of a choice from {looked}",
+            f"{1e3 * often / record['real_time']:.0f} ms of the {1e3 * often:.0f} ms available",
+        ],
     ]
     return table([f"within {record['within']:g} m of the goal, in at most {record['patience']:.0f} s", "trials"], rows)
 

@@ -77,7 +77,7 @@ def search_for(what: str) -> Search:
     gait = load_gait(GAIT)
     plain = numbers_of(PhaseLocked(gait))
     if what == "feedback":
-        known = {"open loop": OPEN_LOOP, "default": plain}
+        known = {"open loop": OPEN_LOOP, "plain feedback": plain}
         return Search(level(), OPEN_LOOP, np.array([0.6] * 4 + [0.0] * 6), speed_and_share, 20, known)
     known = {"plain feedback": plain, "`sure_footed`": numbers_of(sure_footed(gait))}
     spread = np.array([0.15] * 4 + [0.1] * 4 + [0.07, 0.08])
