@@ -26,14 +26,14 @@ SETTLING, STRETCH, LAST = 20.0, 40.0, 10.0
 PART = 0.5
 """s, in which the shares of both gaits stay"""
 FACTORS = {
-    "0.4 × frequency": (1.0, 0.4),
-    "0.6 × frequency": (1.0, 0.6),
-    "0.8 × frequency": (1.0, 0.8),
-    "1.1 × frequency": (1.0, 1.1),
-    "0.8 × amplitude": (0.8, 1.0),
+    "40 % of the frequency": (1.0, 0.4),
+    "60 % of the frequency": (1.0, 0.6),
+    "80 % of the frequency": (1.0, 0.8),
+    "110 % of the frequency": (1.0, 1.1),
+    "80 % of the amplitude": (0.8, 1.0),
 }
 """of the frequency and the amplitude"""
-LEFT, RIGHT = "left", "its mirror image"
+LEFT, RIGHT = "left", "left, mirrored"
 UNKNOWN = 0.25
 """share of the friction, within which it is drawn"""
 
