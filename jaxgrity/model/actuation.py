@@ -40,7 +40,8 @@ class Gait(eqx.Module):
 
     s_k = sin(2 pi f_k t + phase_k), or with overtones the normalised Fourier series
     (sin(2 pi f_k t + phase_k) + sum_h a_hk sin(2 pi h f_k t + phase_hk))/(1 + sum_h a_hk), h = 2, 3, ..., between
-    -1 and 1. The ramp r(t) = clip((t - start)/ramp, 0, 1) lets the robot settle first and keeps the motion smooth.
+    -1 and 1. The ramp r(t) = clip((t - start)/ramp, 0, 1) keeps the motion smooth. It starts when the robot has come to
+    rest.
 
     A population of gaits is one `Gait` whose arrays have a row per gait; start and ramp are shared.
     """

@@ -96,7 +96,7 @@ def penalty_twin(scene: Scene) -> Scene:
 
 @typed
 def contact_twin(scene: Scene) -> Scene:
-    """The same robot on the other contact model: what holds on both is no artefact of one.
+    """The same robot on the other contact model. If a result holds on both, it does not come from one model alone.
 
     Raises `InputError` as `exact_twin` and `penalty_twin` do.
     """

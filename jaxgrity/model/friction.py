@@ -62,8 +62,9 @@ class SmoothFriction(Friction):
 class SwitchFriction(Friction):
     """Static or kinetic Coulomb friction, chosen by speed and force (Appendix B of the paper behind this project).
 
-    The force that would hold a node is without those of rigid struts and bodies. So beside them nodes that should stick
-    creep at up to the slip speed, as with smooth friction. Springs in their place, or exact contact, hold them.
+    The law compares friction with the sum of the other forces on a node, but does not know those of rigid struts and
+    bodies. So nodes of rigid struts and bodies creep at up to the slip speed when they should stick, as with smooth
+    friction. To avoid that, use springs in their place, or exact contact.
 
     Raises `InputError` if mu_static is smaller than mu_kinetic.
     """

@@ -73,19 +73,19 @@ class Waves(HeightField):
 
 
 def bumps(deviation: float, length: float, seed: int, waves: int = 8) -> Waves:
-    """Random bumps: waves of equal heights, with lengths from 0.7 to 1.5 `length`, in directions and phases by `seed`.
+    """Random bumps: a sum of waves of equal heights, with random directions, phases and lengths.
 
     Args:
-        deviation: m, standard deviation of the ground's height over the plane.
-        length: m, about that from one bump to the next.
-        seed: of the random numbers; another one is another ground.
-        waves: how many; each costs a sine for each node in each evaluation.
+        deviation: standard deviation of the ground's height, m.
+        length: typical distance from one bump to the next, m; waves are 0.7 to 1.5 times as long.
+        seed: seed of the random number generator; another seed is another ground.
+        waves: number of waves; each costs a sine for each node in each evaluation.
 
     Returns:
         The surface.
 
     Raises:
-        InputError: where a size is not positive, or a count or a seed is no whole number.
+        InputError: a size that is not positive, or a count or a seed that is no whole number.
 
     Example:
         >>> ground = jaxgrity.PenaltyGround(1e4, 2.0, surface=jaxgrity.bumps(deviation=0.03, length=0.8, seed=0))

@@ -101,19 +101,22 @@ def faces(structure: Structure) -> tuple[tuple[int, ...], ...]:
 def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     """The support faces, the shares of time with slip and in the air, and the kind of the motion.
 
-    The support is the hull's face with the lowest mean signed distance, once it has been the lowest for `LASTING`, in
-    every frame. Of equally low faces it is the earlier one. Frames further apart than `LASTING` miss changes of face.
-    Of a robot that rattles, more frames show fewer changes. Nodes touch the ground where phi < `Ground.touched_below`:
-    for a body of one metre 2 mm with exact contact, 0 with penalty contact. A ball slips at the point where it touches.
-    Lengths, speeds and times are relative to the body's own (`scales.py`). Contact and slip are measured along the
-    ground and its normal, displacement and path in x and y. The `kind` is the first of these that applies:
+    A diameter is the longest distance between two nodes as built. The `kind` is the first of these that applies:
 
-    - "hops": the robot is in the air for more than `HOPPING` of the time, also on the spot.
-    - "stays": its path is less than `STAYING` diameters wide (longest distances between two built nodes).
-    - "turns on the spot": its path is less than a diameter wide and goes round (`ROUND`), over more faces than one.
-    - "rocks": its path is less than a diameter wide. It stood on a face again, or comes and goes (`COMING_BACK`).
+    - "hops": the robot is in the air for more than `HOPPING` of the time.
+    - "stays": its path is less than `STAYING` diameters wide.
+    - "turns on the spot": its path is less than a diameter wide and goes round (`ROUND`), over more than one face.
+    - "rocks": its path is less than a diameter wide. It returns to an earlier face or place (`COMING_BACK`).
     - "slides": it changes face less than once for each diameter of its way, without balls that grip.
     - "rolls": all else, straight on or in circles.
+
+    The support is the face of the convex hull with the lowest mean signed distance, once it has been the lowest in
+    every frame for `LASTING`. Of equally low faces it is the earlier one. Frames further apart than `LASTING` miss
+    changes of face. If a robot rattles, more frames show fewer changes.
+
+    Nodes touch the ground if phi < `Ground.touched_below`. For a body of one metre, this is 2 mm with exact contact,
+    and 0 with penalty contact. A ball slips at the point where it touches. Contact and slip are measured along the
+    ground and its normal, displacement and path in x and y. All limits scale with the size of the body (`scales.py`).
 
     Raises `InputError` as `faces` does, without ground, and for a failed trajectory. At least two frames have to follow
     the gait's start, no further apart than twice the time for which a face has to last.

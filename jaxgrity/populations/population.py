@@ -67,7 +67,9 @@ class Outcomes(eqx.Module):
 
 @typed
 def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, frequency: Table | None = None) -> Gait:
-    """A population of gaits as one `Gait`, whose arrays have a row per robot. All else comes from `gait`.
+    """Make a population of gaits: one `Gait` whose arrays have a row per robot.
+
+    Phases, and if given amplitudes and frequencies, have the shape (gaits, actuators). All else is taken from `gait`.
 
     Raises `InputError` if the scene has no gait, if a row does not have one number per actuated member, or if the
     arrays have no rows or different numbers of rows.
@@ -124,9 +126,9 @@ def simulate_population(
         duration: simulated time, s.
         options: solver options; by default the scene decides. The scene itself determines the stable step.
         differences: differences between the robots besides their gaits.
-        with_metrics: whether to measure actuators and contact from the start of the gait on; a number starts at that
-            time, s. It needs an explicit method with a fixed step. Peaks use a moving mean of forces that begins at
-            zero. For robots that start in motion, measure from the second cycle on.
+        with_metrics: whether to measure actuators and contact (`Metrics`). True measures from the start of the gait
+            on, and a number from that time on, s. This needs an explicit method with a fixed step. Peaks are those of
+            a moving mean that begins at zero. So if robots start in motion, measure from the second cycle on.
         parts: number of equal parts of the time, at whose ends the centre of mass is returned.
 
     Returns:

@@ -24,16 +24,16 @@ from jaxgrity.stepping.options import Options
 
 
 class SearchProblem(NamedTuple):
-    """The problem of a search."""
+    """A search: the robot, the quantities that vary, and the value of a gait."""
 
     scene: Scene
-    """the robot, and the gait around which gaits are searched"""
+    """the robot, with a gait for all quantities that do not vary"""
     genome: Genome
-    """the numbers to search over"""
+    """encoding of the quantities that vary"""
     duration: float
-    """s, over which a gait is judged"""
+    """simulated time of each rollout, s"""
     fitness: Fitness
-    """how it is judged"""
+    """value of a gait"""
 
     @property
     def seeks_orbits(self) -> bool:
@@ -52,7 +52,7 @@ class GAConfig(eqx.Module):
     population: int = eqx.field(static=True, default=128)
     generations: int = eqx.field(static=True, default=16)
     elites: int = eqx.field(static=True, default=8)
-    """the best, which go on unchanged"""
+    """number of best gaits that go on unchanged"""
     tournament: int = eqx.field(static=True, default=3)
     """number of random gaits of which the best becomes a parent"""
     mutation_rate: float = eqx.field(static=True, default=0.3)
@@ -62,14 +62,14 @@ class GAConfig(eqx.Module):
     shrinking: int | None = eqx.field(static=True, default=None)
     """generations after which mutations no longer shrink; None: the last one"""
     drawn: int | None = eqx.field(static=True, default=None)
-    """gaits drawn at random for the first generation, whose best go on; None: as many as in any other"""
+    """number of random gaits from which the best make the first generation; None: as many as a generation has"""
     crossover: float = eqx.field(static=True, default=1.0)
     """share of children that have two parents; the others have one"""
     parents: int | None = eqx.field(static=True, default=None)
     """number of best gaits from which parents are drawn with equal probability; None: tournaments among all"""
     optimiser: str = eqx.field(static=True, default="genetic")
-    """ "cma-es": the next generation comes from CMA-ES, which begins at the best gait of the first, as wide as its
-    mutations; elites, tournaments, crossover and parents have no effect"""
+    """ "genetic", or "cma-es". CMA-ES begins at the best gait of the first generation, with the standard deviation of
+    its mutations. Elites, tournaments, crossover and parents then have no effect"""
 
     def __check_init__(self):
         check_optimiser(self.optimiser)

@@ -25,10 +25,11 @@ FAINT = 1e-3
 class Genome(eqx.Module):
     """Encoding of gaits by genes in [0, 1): phases, which are angles, then quantities with bounds.
 
-    The genes are phase/2 pi for each actuator and, on request, an amplitude for each actuator, one frequency, two
-    Fourier coefficients per overtone and actuator, and a rank for each actuator. Quantities without genes come from the
-    scene's gait; its overtones move with the phases. If gaits are waves, a group of actuators shares its genes, and
-    what the scene's gait has for its first one. One more gene selects the wave.
+    Each actuator has a gene phase/2 pi. On request there are more: an amplitude and a rank for each actuator, two
+    Fourier coefficients for each overtone and actuator, and one frequency. Quantities without genes come from the
+    scene's gait, and its overtones move with the phases. If gaits are waves, actuators form groups. All actuators of a
+    group have the same genes, and those quantities without genes that the first of them has. One more gene selects the
+    wave.
 
     Let theta be the angle of a member's first sine, phase included. Overtone h is a sin(h theta) + b cos(h theta). So a
     phase moves the wave and keeps its shape. Unlike a size and a phase, the coefficients are smooth at zero.

@@ -60,9 +60,9 @@ class SearchConfig:
     """search method: a genetic algorithm, or CMA-ES (the extra `baselines`), which starts from the best gait of the
     first generation"""
     wide: bool = True
-    """whether screening begins with 4 times as many random gaits, and continues with mutations of the best eighth. It
-    leaves out bounds on force and power. The scene's own model then continues with an eighth of the population, within
-    all bounds"""
+    """whether screening begins with 4 times as many random gaits, and continues with mutations of the best eighth. A
+    wide screening ignores bounds on force and power. After it, an eighth of the population continues on the scene's own
+    model, within all bounds"""
     dt: float | None = None
     """time step of the scene's own model, s; None: the scene's. On penalty ground evolution and polish take twice that,
     if stable; verification takes its half and its quarter, too"""

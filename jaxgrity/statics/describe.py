@@ -22,10 +22,10 @@ from jaxgrity.statics.vibrations import frequency_range
 
 @typed
 def describe(scene: Scene) -> str:
-    """What is modelled and what is not, members, masses, prestress, lowest and highest natural frequency.
+    """A scene in words: effects modelled and left out, members, masses, prestress, natural frequencies.
 
-    Prestress and frequencies are those of the structure alone, at rest without gravity, ground and gait. The line after
-    them says so.
+    Prestress, and the lowest and highest natural frequency, are those of the structure alone, at rest without gravity,
+    ground and gait.
     """
     modelled = list(dict.fromkeys(law.name for law in scene.laws))
     # few scenes have pulleys: that these have no friction says nothing of the others

@@ -44,7 +44,7 @@ def final_state(
 
     Args:
         scene: the scene to simulate.
-        duration: simulated time, s. All steps are equal, no longer than the options say, and the last ends there.
+        duration: simulated time, s. It is divided into equal steps, no longer than the step of the options.
         options: options from `resolve`, with a fixed step, as constants: if JAX traces them, give `steps`.
         start: positions, m, and velocities, m/s, (nodes, 3) each; by default the structure's nodes at rest.
         steps: number of steps; by default the options decide. Needed for derivatives with respect to the duration.

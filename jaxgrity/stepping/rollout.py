@@ -44,9 +44,9 @@ def rollout(
     You can differentiate it in forward and reverse mode, with respect to all numbers in these. To continue a motion,
     pass its last frame as the start. Keep velocities out of a loss on exact contact or rigid struts (`final_state`).
 
-    A motion in pieces is the motion in one piece to rounding, if both take the same `steps` from frame to frame. If the
-    step changes between pieces, exact scenes with dampers differ in second order of the step (1e-6 m for a body of one
-    metre, from 5 ms to 1 ms).
+    If you simulate a motion in pieces, you get the same motion up to rounding, as long as the step stays the same. If
+    it changes between pieces, exact scenes with dampers differ in second order of the step: by 1e-6 m for a body of one
+    metre, from 5 ms to 1 ms.
 
     Args:
         scene: the scene to simulate.

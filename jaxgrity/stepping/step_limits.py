@@ -50,10 +50,10 @@ def standing(scene: Scene) -> State:
 
 @typed
 def stable_step(scene: Scene, state: State, method: Method | str) -> float:
-    """Largest step, s, at which small motions about `state` grow by at most `GROWTH` per step beyond their true growth.
+    """Largest stable step, s, for small motions about `state`; infinite for implicit methods.
 
-    It is infinite for implicit methods. It holds for small motions: beyond it smooth friction first chatters, and blows
-    up later.
+    At this step, small motions grow by at most `GROWTH` per step beyond their true growth. At a slightly larger step,
+    smooth friction only chatters, and at a much larger one the motion blows up.
     """
     method = find_method(method) if isinstance(method, str) else method
     return np.inf if method.implicit else largest_step(_limiting_motions(scene, state, method), method)

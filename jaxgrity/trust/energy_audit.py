@@ -99,8 +99,8 @@ def energy_audit(scene: Scene, duration: float, *, options: Options = None, fram
     dE/dt = dU/dt - v·dR/dv + v·F_switch, and dp/dt is the sum of the external forces; angular momentum changes by
     their moments. The method integrates these equations together with those of motion. Symplectic methods and
     complementarity stepping sum the works step by step instead: forces and impulses times the mean velocity of the
-    step. Their steps are shortened to fit the frames. If the motion fails, a warning says how, and from when on numbers
-    mean nothing.
+    step. Their steps are shortened to fit the frames. If the motion fails, a warning says how, and until when the
+    numbers are valid.
 
     Args:
         scene: the scene to simulate.
