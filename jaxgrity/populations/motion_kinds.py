@@ -110,13 +110,11 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     - "slides": it changes face less than once for each diameter of its way, without balls that grip.
     - "rolls": all else, straight on or in circles.
 
-    The support is the face of the convex hull with the lowest mean signed distance, once it has been the lowest in
-    every frame for `LASTING`. Of equally low faces it is the earlier one. Frames further apart than `LASTING` miss
-    changes of face. If a robot rattles, more frames show fewer changes.
-
-    Nodes touch the ground if phi < `Ground.touched_below`. For a body of one metre, this is 2 mm with exact contact,
-    and 0 with penalty contact. A ball slips at the point where it touches. Contact and slip are measured along the
-    ground and its normal, displacement and path in x and y. All limits scale with the size of the body (`scales.py`).
+    The support is the lowest face of the convex hull, by mean signed distance, once it has been so in every frame for
+    `LASTING`. Frames further apart than that miss changes of face. If a robot rattles, more frames show fewer changes.
+    Nodes touch the ground if phi < `Ground.touched_below`, and balls slip at the point where they touch. Contact and
+    slip are measured along the ground and its normal, displacement and path in x and y. Limits scale with the body's
+    size.
 
     Raises `InputError` as `faces` does, without ground, and for a failed trajectory. At least two frames have to follow
     the gait's start, no further apart than twice the time for which a face has to last.

@@ -183,10 +183,9 @@ def ensemble(
 ) -> tuple[Gait, Differences]:
     """`count` robots for each of `gaits`, drawn from `uncertainty`: row i*count + k is the k-th robot of gait i.
 
-    With `common` draws, all gaits get the same `count` robots, so that you can compare their means. Draws come in pairs
-    of opposite signs: linear effects cancel from a mean. Raises `InputError` for less than one robot, a quantity that
-    the scene lacks, amplitudes that may reach 1, terrain beside balls or contact along struts, prestress of nonlinear
-    cables.
+    With `common` draws, all gaits get the same `count` robots, and their means compare. Draws come in pairs of opposite
+    signs: linear effects cancel from a mean. Raises `InputError` for less than one robot, a quantity that the scene
+    lacks, amplitudes that may reach 1, terrain beside balls or contact along struts, prestress of nonlinear cables.
     """
     check_count("count", count, 1)
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
