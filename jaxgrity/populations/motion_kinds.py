@@ -113,8 +113,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     The support is the lowest face of the convex hull, by mean signed distance, once it has been so in every frame for
     `LASTING`. Frames further apart than that miss changes of face. If a robot rattles, more frames show fewer changes.
     Nodes touch the ground if phi < `Ground.touched_below`, and balls slip at the point where they touch. Contact and
-    slip are measured along the ground and its normal, displacement and path in x and y. Limits scale with the body's
-    size.
+    slip are measured along the ground and its normal, displacement and path in x and y. Limits scale with the body.
 
     Raises `InputError` as `faces` does, without ground, and for a failed trajectory. At least two frames have to follow
     the gait's start, no further apart than twice the time for which a face has to last.
