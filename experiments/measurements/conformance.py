@@ -9,11 +9,10 @@ import json
 from collections.abc import Iterator
 from itertools import chain
 
-from measurement import Record, measurement
-
 import numpy as np
-from conformance_statics import CLOSED, DATA, RODS, Case, statics_cases
-from pages import columns
+from measurements.conformance_statics import CLOSED, DATA, RODS, Case, statics_cases
+from measurements.measurement import Record, measurement
+from measurements.pages import columns
 from scipy.special import ellipk
 
 from jaxgrity import (
@@ -206,7 +205,7 @@ def by_both(
     scene: Scene, duration: float, their_dt: float, options: SolverOptions | None = None
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Where the nodes end by MuJoCo and here, (nodes, 3), m, and how deep in its ground MuJoCo's deepest is."""
-    from mujoco_peer import run_once
+    from measurements.mujoco_peer import run_once
 
     theirs, depth = run_once(scene, duration, their_dt)
     ours = simulate(scene, duration, frame_rate=1 / duration, options=options)
@@ -216,7 +215,3 @@ def by_both(
 def mean_speed(scene: Scene, end: np.ndarray, duration: float) -> float:
     """m/s, of the middle of the nodes along the ground, from how the scene is built to where they end."""
     return float(np.hypot(*(end - scene.structure.nodes).mean(0)[:2])) / duration
-
-
-if __name__ == "__main__":
-    conformance.run()
