@@ -1,6 +1,6 @@
 """Every published or foreign answer that is known, beside ours: closed forms, other programs, MuJoCo if installed.
 
-Those of statics are in conformance_statics.py; those of motions follow here.
+Those of statics are in conformance_statics.py and conformance_loads.py; those of motions follow here.
 """
 
 import dataclasses
@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from itertools import chain
 
 import numpy as np
+from measurements.conformance_loads import load_cases
 from measurements.conformance_statics import CLOSED, DATA, RODS, Case, statics_cases
 from measurements.measurement import Record, measurement
 from measurements.pages import columns
@@ -41,7 +42,7 @@ def conformance(few: bool = False) -> Iterator[Record]:
     Args:
         few: fewer of each kind, at coarser steps
     """
-    for case in chain(statics_cases(few), dynamics_cases(few)):
+    for case in chain(statics_cases(few), load_cases(), dynamics_cases(few)):
         yield {**case._asdict(), "difference": case.ours - case.theirs}
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measurements import conformance_statics as known
+from measurements import conformance_loads as known
 
 import jaxgrity
 from jaxgrity import InputError, Members, Scene, Structure

@@ -9,7 +9,7 @@ from pathlib import Path
 import jaxtyping
 import numpy as np
 import pytest
-from measurements import conformance_statics as known
+from measurements import conformance_loads as known
 
 from jaxgrity import InputError, Members, Scene, Structure, describe, load_scene, parse_scene
 from jaxgrity.cli.inspect import main
