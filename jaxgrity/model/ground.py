@@ -10,7 +10,7 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxgrity.core.arguments import check_all_finite, check_each
+from jaxgrity.core.arguments import as_table, check_all_finite, check_each, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, component, half_squares, inner, ones, positive_part
 from jaxgrity.core.tracing import as_incline
@@ -111,12 +111,13 @@ class Ground(eqx.Module):
         `depth`, m.
 
         `size` is the body's `length_scale`. At an edge, where normals push it to and fro, the body moves up or down.
-        Raises `InputError` if that does not help.
+        Raises `InputError` if that does not help, and for positions and depths that are no numbers.
         """
-        moved, ended = down(np.asarray(q, float), depth, LARGEST_GAP / 10 * size, self.measured, self.surface is None)
+        q, depth = as_table("q", q), check_number("depth", depth, unit="m")
+        moved, ended = down(q, depth, LARGEST_GAP / 10 * size, self.measured, self.surface is None)
         if not ended:
             with jax.enable_x64(True):
-                moved = np.asarray(self.set_above(jax.numpy.asarray(q, float), -depth))
+                moved = np.asarray(self.set_above(jax.numpy.asarray(q), -depth))
             check_placed(self.measured(moved).distance, depth, size)
         return moved
 
