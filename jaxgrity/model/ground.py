@@ -15,7 +15,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, component, half_squares, inner, ones, positive_part
 from jaxgrity.core.tracing import as_incline
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, Vector, as_float, as_float_or_none
-from jaxgrity.model.balls import Balls, refuse_balls
+from jaxgrity.model.balls import Balls
 from jaxgrity.model.capsules import Capsules, and_of_struts
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
 from jaxgrity.model.placing import above, check_placed, down, held_directions
@@ -124,11 +124,10 @@ class Ground(eqx.Module):
     def set_above(
         self, q: NodeVectors, distance: Scalar, beside: Callable[[NodeVectors], AnyArray] | None = None
     ) -> NodeVectors:
-        """Positions q moved up or down until the nearest node has `distance` from the ground, m. JAX can trace it.
+        """Positions q moved up or down until the nearest node or ball has `distance` (m) from the ground; traceable.
 
         `beside` is a function of positions. Its distances, m, count like those of nodes.
         """
-        refuse_balls(self.balls)
         return above(q, distance, self, beside)
 
     def keeps(self, symmetry) -> bool:
