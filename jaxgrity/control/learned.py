@@ -14,11 +14,10 @@ from jaxtyping import Float
 
 from jaxgrity.control.closed_loop import frame, trajectory_of
 from jaxgrity.control.environments import ENDS, Environment, sensed
-from jaxgrity.control.plant import check_key
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.control.sensors import Observation
 from jaxgrity.control.tasks import wanted_direction
-from jaxgrity.core.arguments import check_count
+from jaxgrity.core.arguments import check_count, check_key
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import check_fields, typed
