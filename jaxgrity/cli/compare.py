@@ -34,7 +34,7 @@ COLUMNS = {
     "verified, m": lambda s: with_error(s["distance"], s["error_bar"]),
     "scene": lambda s: s["scene"],
     "robust": lambda s: mean_of_robots(s["robust"], unit(s)),
-    "other model": lambda s: significant(s["other_contact_model"]["mean"]),
+    "other model": lambda s: significant(s["other_contact_model"]["mean"]).replace("nan", "not known"),
     "motion": lambda s: "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} rolls",
     "peak N, m/s, W": lambda s: "{peak_force:.3g}, {peak_rate:.2g}, {peak_power:.3g}".format(**s["actuators"]),
     "beyond a bound": beyond,
@@ -75,11 +75,20 @@ def load_summary(folder: Path) -> dict[str, Any]:
         summary = json.loads(text)
     except ValueError as error:
         raise InputError(f"{path}: not JSON: {error}") from error
-    needed = ("distance", "robust", "searches", "settings", "within_bounds", "beyond_bounds")
+    needed = (
+        *("distance", "error_bar", "robust", "other_contact_model", "steady", "actuators", "searches", "settings"),
+        *("within_bounds", "beyond_bounds"),
+    )
     missing = [key for key in needed if key not in summary]
     if missing:
         raise InputError(f"{path}: has no {', '.join(missing)}; expected the summary.json of a gait search")
-    return summary
+    parts = [name for name in ("robust", "other_contact_model", "steady", "actuators") if summary[name] is not None]
+    return _numbers(summary, "distance", "error_bar") | {name: _numbers(summary[name]) for name in parts}
+
+
+def _numbers(facts: dict[str, Any], *names: str) -> dict[str, Any]:
+    """The facts, with NaN where one of these names (or any) has none: JSON has no number that is not finite."""
+    return {k: np.nan if value is None and k in (names or facts) else value for k, value in facts.items()}
 
 
 def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:

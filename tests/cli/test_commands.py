@@ -264,7 +264,7 @@ def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
         (["compare"], ["no runs: expected at least one result folder"]),
         (["compare", "missing"], ["missing/summary.json", "No such file"]),
         (["compare", "broken"], ["broken/summary.json: not JSON"]),
-        (["compare", "other"], ["other/summary.json: has no robust, searches, settings"]),
+        (["compare", "other"], ["other/summary.json: has no error_bar, robust, other_contact_model"]),
     ],
     ids=lambda words: " ".join(words) if words[0] in SUBCOMMANDS else "",
 )
@@ -629,3 +629,17 @@ def test_searches_are_compared(jaxgrity, search_run, tmp_path):
     head, one = done.out.splitlines()[1:3]  # after the first word, that JAX is being loaded
     assert head.split()[:2] == ["run", "steady,"]
     assert one.startswith(str(folder))
+
+
+def test_a_search_whose_robots_all_failed_is_compared_too(jaxgrity, search_run, tmp_path):
+    """JSON has no number for their mean: the table says that it is not known, and the figure leaves it out."""
+    folder, _ = search_run
+    summary = json.loads((folder / "summary.json").read_text())
+    for name in ("robust", "other_contact_model"):
+        summary[name] |= {"mean": None, "standard_deviation": None, "standard_error": None}
+    summary |= {"steady": None, "error_bar": None}
+    (tmp_path / "failed").mkdir()
+    (tmp_path / "failed" / "summary.json").write_text(json.dumps(summary))
+    done = jaxgrity("compare", folder, tmp_path / "failed", "--out", tmp_path)
+    assert done.code == 0, done.errors
+    assert done.out.splitlines()[3].count("not known") == 3
