@@ -467,7 +467,7 @@ def test_gradients_through_the_motion_are_compared_with_ppo(tmp_path):
     ppo, shac = facts["rows"]
     assert ppo["norms"] is None
     assert 0 < shac["norms"][0] <= shac["norms"][1] < np.inf
-    assert "| exact | short horizon | 0 | " in words("short_horizon", facts)
+    assert "| exact | short-horizon | 8; 0 | " in words("short_horizon", facts)
 
 
 @pytest.mark.campaign
