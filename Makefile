@@ -45,28 +45,28 @@ lint: .venv/.installed-test
 
 # How fast this machine is, in about two minutes.
 bench: .venv/.installed
-	$(BIN)/python experiments/measurements/bench.py
+	$(BIN)/python experiments/run.py bench
 
 # Every published or foreign answer that is known, beside ours: docs/conformance.md.
 conformance: .venv/.installed-test
-	$(BIN)/python experiments/measurements/conformance.py
-	$(BIN)/python experiments/measurements/update_docs.py
+	$(BIN)/python experiments/run.py conformance
+	$(BIN)/python experiments/run.py update_docs
 
 # A measured robot beside its simulation: docs/validation.md.
 validate: .venv/.installed-test
-	$(BIN)/python experiments/measurements/validate.py
-	$(BIN)/python experiments/measurements/identify_spine.py
-	$(BIN)/python experiments/measurements/spine_dynamics.py
-	$(BIN)/python experiments/measurements/update_docs.py
+	$(BIN)/python experiments/run.py validate
+	$(BIN)/python experiments/run.py identify_spine
+	$(BIN)/python experiments/run.py spine_dynamics
+	$(BIN)/python experiments/run.py update_docs
 
 # What the library does, as the docs quote it; more than an hour on 2 cores, which should have nothing else to do.
 # First those that are registered, then what has options. Nothing runs experiments/studies/ but you.
 measure: .venv/.installed-test
-	for name in $$($(BIN)/python experiments/measurements/registry.py); do $(BIN)/python experiments/measurements/$$name.py || exit 1; done
-	$(BIN)/python experiments/measurements/benchmark.py --mujoco
-	$(BIN)/python experiments/docs_tables/watch_gaits.py
+	for name in $$($(BIN)/python experiments/run.py --measured); do $(BIN)/python experiments/run.py $$name || exit 1; done
+	$(BIN)/python experiments/run.py benchmark --mujoco
+	$(BIN)/python experiments/run.py watch_gaits
 	$(BIN)/python experiments/gait_search.py --restart
-	$(BIN)/python experiments/measurements/update_docs.py
+	$(BIN)/python experiments/run.py update_docs
 
 clean:
 	rm -rf .venv .cache results build dist docs/reference *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis

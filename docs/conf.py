@@ -1,15 +1,11 @@
-"""How Sphinx makes a site of README, the pages in docs/ and the notebooks: `make docs`."""
+"""How Sphinx makes a site of README, the pages in docs/ and the notebooks: `make docs`, in the repository's folder."""
 
-import sys
 from importlib.metadata import version as version_of
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent / "site"))
 
 project = "jaxgrity"
 copyright = "the authors of jaxgrity, Apache-2.0"
 release = version = version_of("jaxgrity")
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "equations", "interface"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "docs.site.equations", "docs.site.interface"]
 
 # The repository is the source folder, so that links between pages lead to the same files here as on a code host.
 root_doc = "docs/index"

@@ -11,12 +11,12 @@ from pathlib import Path
 os.environ.setdefault("EQX_ON_ERROR", "nan")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import conformance_statics
 import hypothesis
 import jax
 import jaxtyping
 import numpy as np
 import pytest
+from measurements import conformance_statics
 from meter import Meter
 
 # Kernels made as the commands have them made (jaxgrity.cli.script), and each program in one piece: a test process has

@@ -9,7 +9,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
-from compile_meter import Counter
+from measurements.compile_meter import Counter
 
 LONGEST = 20
 """Number of tests in the second table."""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import nbformat
 import pytest
-import run_notebooks
+from docs_tables import run_notebooks
 
 NOTEBOOKS = sorted(run_notebooks.FOLDER.glob("*.ipynb"))
 
@@ -24,7 +24,7 @@ def test_there_are_six():
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_stored_outputs_are_current(path):
     """All cells were run in their order, without an error, and are as they were then; they show pictures."""
-    assert run_notebooks.current(path), f"run python experiments/docs_tables/run_notebooks.py {path}"
+    assert run_notebooks.current(path), f"run python experiments/run.py run_notebooks {path}"
     cells = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
     assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
     assert len(cells) <= 10

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from jaxgrity.cli.script import run
-
 import jaxgrity
 
 ROOT = Path(__file__).parents[2]
@@ -61,7 +59,3 @@ def rolled(shown: Animation, duration: float) -> tuple[jaxgrity.Scene, jaxgrity.
     """The scene with the gait, and its motion."""
     scene = jaxgrity.with_gait(jaxgrity.load_scene(shown.scene), jaxgrity.load_gait(shown.gait))
     return scene, jaxgrity.simulate(scene, duration, frame_rate=100.0)
-
-
-if __name__ == "__main__":
-    run(main, Settings)

@@ -6,8 +6,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
-from jaxgrity.cli.script import run
-
 import nbformat
 import tyro
 from nbclient import NotebookClient
@@ -56,7 +54,3 @@ def current(path: Path) -> bool:
     """Whether a notebook's stored outputs are those of the code in it, with this version of jaxgrity."""
     notebook = nbformat.read(path, as_version=4)
     return notebook.metadata.get("jaxgrity") == stamp(notebook)
-
-
-if __name__ == "__main__":
-    run(main, Settings)

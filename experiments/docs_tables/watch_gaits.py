@@ -4,8 +4,6 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxgrity.cli.script import run
-
 from tqdm import tqdm
 
 from jaxgrity import InputError, SearchConfig, gait_names, load_gait, load_scene, rolling, simulate, with_gait
@@ -47,7 +45,3 @@ def main(settings: Settings) -> None:
         trajectory = simulate(scene, record["duration"], frame_rate=FRAME_RATE)
         save_json(path, record | {"steady": steady, "motion": rolling(scene, trajectory).summary()})
         tqdm.write(f"{name}: {steady['body_lengths_per_second']:.3f} body lengths/s")
-
-
-if __name__ == "__main__":
-    run(main, Settings)

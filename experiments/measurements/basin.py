@@ -8,11 +8,10 @@ shapes are compared with those that the orbit goes through, with any symmetric n
 from collections.abc import Iterator
 from typing import Any
 
-from measurement import Figure, Record, measurement
-
 import numpy as np
-from driven import ENOUGH, PART, drops
-from pages import columns
+from measurements.driven import ENOUGH, PART, drops
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import Differences, Scene, contact_twin, gaits_of, load_gait, load_scene, simulate_population, with_gait
 from jaxgrity.orbits import distance_from_orbit, find_orbit
@@ -97,7 +96,3 @@ def figure(record: Record, chart: Figure) -> None:
         axes.stairs(100 * share, times, label=name, baseline=None, linewidth=1.8)
     axes.set(xlabel="time since the drop (s)", ylabel="robots that roll (%)", ylim=(0, 103))
     axes.legend()
-
-
-if __name__ == "__main__":
-    basin.run()

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from importlib import metadata, util
 from pathlib import Path
 
-from jaxgrity.cli.script import measured, run
+from jaxgrity.cli.script import measured
 
 import numpy as np
-from engines import Engine, engines, seconds_of
-from pages import columns
+from measurements.engines import Engine, engines, seconds_of
+from measurements.pages import columns
 from tqdm import tqdm
 
 from jaxgrity import load_scene, random_phases
@@ -115,7 +115,3 @@ def table(facts: dict) -> str:
     }
     versions = ", ".join(f"{name} {version}" for name, version in facts["versions"].items())
     return f"{columns(facts['rows'], cells)}\n\n{facts['processor']}, {measured()['cores']} cores; {versions}"
-
-
-if __name__ == "__main__":
-    run(main, Settings)

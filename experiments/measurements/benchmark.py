@@ -8,13 +8,12 @@ against its own converged answer: the median over the gaits of the distance of t
 import time
 from typing import NamedTuple
 
-from measurement import Figure, Record, measurement
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from engines import C_SWEEPS, Engine, clock, engines, numpy_roll, ours, seconds_of
-from pages import table
+from measurements.engines import C_SWEEPS, Engine, clock, engines, numpy_roll, ours, seconds_of
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 from tqdm import tqdm
 
 from jaxgrity import InputError, Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
@@ -270,7 +269,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.set(xlabel="wall time per gait and simulated second (s)", ylabel="median error of the last centre of mass (m)")
     axes.grid(alpha=0.3)
     axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
-
-
-if __name__ == "__main__":
-    benchmark.run()

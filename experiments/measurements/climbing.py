@@ -7,10 +7,9 @@ so that a robot that begins to slide, or turns round, is seen. With exact contac
 import itertools
 from collections.abc import Iterator
 
-from measurement import Figure, Record, measurement
-
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 
 from jaxgrity import Differences, SolverOptions, contact_twin, gaits_of, load_gait, load_scene, simulate_population
 from jaxgrity.stepping import default_method, default_step
@@ -89,7 +88,3 @@ def figure(record: Record, chart: Figure) -> None:
         axes.set(title=title, xlabel="slope (degrees)")
     panes[0].set_ylabel("speed uphill (m/s)")
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside right upper")
-
-
-if __name__ == "__main__":
-    climbing.run()

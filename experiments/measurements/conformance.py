@@ -1,6 +1,6 @@
 """Every published or foreign answer that is known, beside ours: closed forms, other programs, MuJoCo if installed.
 
-Those of statics are in conformance_statics.py; those of motions follow here.
+Those of statics are in conformance_statics.py and conformance_loads.py; those of motions follow here.
 """
 
 import dataclasses
@@ -9,11 +9,11 @@ import json
 from collections.abc import Iterator
 from itertools import chain
 
-from measurement import Record, measurement
-
 import numpy as np
-from conformance_statics import CLOSED, DATA, RODS, Case, statics_cases
-from pages import columns
+from measurements.conformance_loads import load_cases
+from measurements.conformance_statics import CLOSED, DATA, RODS, Case, statics_cases
+from measurements.measurement import Record, measurement
+from measurements.pages import columns
 from scipy.special import ellipk
 
 from jaxgrity import (
@@ -42,7 +42,7 @@ def conformance(few: bool = False) -> Iterator[Record]:
     Args:
         few: fewer of each kind, at coarser steps
     """
-    for case in chain(statics_cases(few), dynamics_cases(few)):
+    for case in chain(statics_cases(few), load_cases(), dynamics_cases(few)):
         yield {**case._asdict(), "difference": case.ours - case.theirs}
 
 
@@ -206,7 +206,7 @@ def by_both(
     scene: Scene, duration: float, their_dt: float, options: SolverOptions | None = None
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Where the nodes end by MuJoCo and here, (nodes, 3), m, and how deep in its ground MuJoCo's deepest is."""
-    from mujoco_peer import run_once
+    from measurements.mujoco_peer import run_once
 
     theirs, depth = run_once(scene, duration, their_dt)
     ours = simulate(scene, duration, frame_rate=1 / duration, options=options)
@@ -216,7 +216,3 @@ def by_both(
 def mean_speed(scene: Scene, end: np.ndarray, duration: float) -> float:
     """m/s, of the middle of the nodes along the ground, from how the scene is built to where they end."""
     return float(np.hypot(*(end - scene.structure.nodes).mean(0)[:2])) / duration
-
-
-if __name__ == "__main__":
-    conformance.run()

@@ -8,11 +8,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from measurement import Figure, Record, measurement
-
 import equinox as eqx
 import numpy as np
-from pages import columns
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 from tqdm import tqdm
 
 from jaxgrity import Scene, centre_path, load_gait, load_scene, simulate, with_gait
@@ -187,7 +186,3 @@ def figure(record: Record, chart: Figure) -> None:
     grid[1, 0].set(ylabel="largest multiplier")
     named = {label: line for axes in grid[0] for line, label in zip(*axes.get_legend_handles_labels())}
     chart.legend(named.values(), named, loc="outside upper right", ncols=2)
-
-
-if __name__ == "__main__":
-    continuation.run()

@@ -11,11 +11,10 @@ All of it is done with the intact robot too, since a short search may find littl
 from collections.abc import Iterator
 from typing import Any
 
-from measurement import Figure, Record, check_names, measurement
-
 import numpy as np
-from damage_recovery import SEARCHES, WAYS, Ways, damaged, known_gaits, plain_names, recover
-from pages import table
+from measurements.damage_recovery import SEARCHES, WAYS, Ways, damaged, known_gaits, plain_names, recover
+from measurements.measurement import Figure, Record, check_names, measurement
+from measurements.pages import table
 
 from jaxgrity import SearchConfig, gait_record, load_scene
 from jaxgrity.model import symmetries
@@ -164,7 +163,3 @@ def figure(record: Record, chart: Figure) -> None:
     title = "mean speed of perturbed robots, and its standard deviation"
     axes.set(xlim=(-0.5, len(x) - 0.5), ylim=(0, None), ylabel="steady speed (body lengths/s)", title=title)
     chart.legend(ncols=4, loc="outside lower center")
-
-
-if __name__ == "__main__":
-    damage.run()

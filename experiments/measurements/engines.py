@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import jax
-import limit
 import numpy as np
+from measurements import limit
 
 from jaxgrity import Scene, SolverOptions, gaits_of, simulate_population
 
@@ -74,7 +74,7 @@ def theirs(program: Path, scene: Scene, phases, duration: float, sweeps, dt: flo
 
 
 def mujoco_roll(scene: Scene, phases, duration: float, integrator: str, dt: float) -> tuple[np.ndarray, float]:
-    from mujoco_peer import roll, roll_mjx
+    from measurements.mujoco_peer import roll, roll_mjx
 
     if integrator.startswith("MJX"):
         positions, seconds = roll_mjx(scene, phases, duration, dt, integrator.split()[1])

@@ -4,12 +4,11 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from measurement import Record, check_names, measurement
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from pages import columns
+from measurements.measurement import Record, check_names, measurement
+from measurements.pages import columns
 
 from jaxgrity import SolverOptions, load_scene
 from jaxgrity.control import TASKS, Environment, environment
@@ -87,7 +86,3 @@ def words(record: Record) -> str:
         "numbers that are not finite": "{not_finite}",
     }
     return columns(record["rows"], cells)
-
-
-if __name__ == "__main__":
-    environments.run()

@@ -13,13 +13,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-from measurement import Figure, Record, measurement
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from driven import ENOUGH, PART, RATE, bounded, dropped_loop, drops
-from pages import table
+from measurements.driven import ENOUGH, PART, RATE, bounded, dropped_loop, drops
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 
 from jaxgrity import Differences, Scene, as_dtype, bumps, contact_twin, gait_record, load_gait, load_scene, with_gait
 from jaxgrity.control import (
@@ -282,7 +281,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.grid(axis="y", visible=False)
     axes.invert_yaxis()
     chart.legend(loc="outside upper right", ncols=3)
-
-
-if __name__ == "__main__":
-    feedback.run()

@@ -19,9 +19,8 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from measurement import Record, check_names, measurement
-
-from pages import table
+from measurements.measurement import Record, check_names, measurement
+from measurements.pages import table
 
 from jaxgrity import InputError
 from jaxgrity.io.files import read_text
@@ -150,7 +149,3 @@ def readme_example() -> str:
     found = re.search(r"```python\n(.*?)```", read_text(HERE.parents[1] / "README.md"), re.DOTALL)
     assert found, "README.md has an example"
     return found[1]
-
-
-if __name__ == "__main__":
-    first_commands.run()

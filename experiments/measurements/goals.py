@@ -9,13 +9,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
-from measurement import Figure, Record, measurement
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from driven import bounded, drops, straight_on
-from pages import table
+from measurements.driven import bounded, drops, straight_on
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 
 from jaxgrity import as_dtype, bumps, contact_twin, load_scene
 from jaxgrity.control import REACHED, Plant, Sampling, Task, drive, ground_of, lead_to, loop_start
@@ -162,7 +161,3 @@ def figure(record: Record, chart: Figure) -> None:
     )
     axes.set(xlabel=across, ylabel=downhill, aspect="equal")
     axes.invert_yaxis()
-
-
-if __name__ == "__main__":
-    goals.run()

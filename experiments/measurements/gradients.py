@@ -7,14 +7,13 @@ all gaits share, for one gait and for 64, by RK4 at 0.5 ms in float64; the mode 
 import time
 from collections.abc import Callable, Iterator
 
-from measurement import Figure, Record, measurement
-
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 
 from jaxgrity import Gait, Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
 from jaxgrity.populations import discretise_lanes
@@ -250,7 +249,3 @@ def figure(record: Record, chart: Figure) -> None:
     right.minorticks_off()
     right.legend()
     right.grid(alpha=0.3)
-
-
-if __name__ == "__main__":
-    gradients.run()

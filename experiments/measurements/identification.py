@@ -8,10 +8,9 @@ import time
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from measurement import Figure, Record, check_names, measurement
-
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, check_names, measurement
+from measurements.pages import table
 
 from jaxgrity import InputError, SolverOptions, load_scene, simulate, with_gait
 from jaxgrity.identification import Parameter, SeenPositions, Starts, changed, identify, measured_motion
@@ -217,7 +216,3 @@ def figure(record: Record, chart: Figure) -> None:
     for colour, label in (("C0", "interval of 95 % contains the truth"), ("C1", "interval misses the truth")):
         chart.axes[0].plot([], [], ".-", color=colour, label=label)
     chart.legend(loc="outside upper center", ncols=2)
-
-
-if __name__ == "__main__":
-    identification.run()

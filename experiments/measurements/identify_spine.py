@@ -5,14 +5,13 @@ They are fitted to the mean poses of every second run.
 
 from functools import partial
 
-from measurement import Figure, Record, measurement
-
 import equinox as eqx
 import jax
 import numpy as np
-from pages import table
-from spine_robot import ORIGIN, POSE, TIP, Spine, commanded, load_spine, resting_shapes, rms
-from validate import UNIT, UNITS
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
+from measurements.spine_robot import ORIGIN, POSE, TIP, Spine, commanded, load_spine, resting_shapes, rms
+from measurements.validate import UNIT, UNITS
 
 from jaxgrity import Scene
 from jaxgrity.identification import (
@@ -144,7 +143,3 @@ def figure(record: Record, chart: Figure) -> None:
     chart.axes[0].set_title("Camera less simulation, runs held out: each, and their mean")
     chart.axes[0].legend(fontsize=8)
     chart.axes[2].set_xlabel("command")
-
-
-if __name__ == "__main__":
-    spine.run()

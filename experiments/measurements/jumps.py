@@ -6,10 +6,9 @@ begins, the highest of the whole time. Robots that differ judge each answer on b
 
 from collections.abc import Iterator
 
-from measurement import Figure, Record, measurement
-
 import numpy as np
-from pages import columns
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import ActuatorBounds, SearchConfig, centre_path, load_scene, search_gaits, simulate
 from jaxgrity.search import JumpHeight
@@ -100,7 +99,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.axvline(record["begins"], color="0.6", linewidth=1, linestyle=":")
     axes.set(xlabel="time (s)", ylabel="rise of the centre of mass (m)")
     chart.legend(loc="outside right upper", title="largest rate")
-
-
-if __name__ == "__main__":
-    jumps.run()

@@ -4,8 +4,6 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxgrity.cli.script import run
-
 from jaxgrity import InputError, load_gait
 from jaxgrity.io.files import read_text, save_json
 
@@ -35,7 +33,3 @@ def main(settings: Settings) -> None:
         raise InputError(f"{path}: has no {', '.join(missing)}; expected what gait_search.py leaves")
     save_json(settings.library / f"{settings.name}.json", {key: record[key] for key in KEPT if key in record})
     print(f"wrote {settings.library / settings.name}.json")
-
-
-if __name__ == "__main__":
-    run(main, Settings)

@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from measurement import Record, measurement
-
 import jax
-from pages import columns
+from measurements.measurement import Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import Scene, bumps, contact_twin, load_scene, with_error
 from jaxgrity.control import Environment, Errors, Sensors, environment, load_policy, policy_names, trials
@@ -74,7 +73,3 @@ def words(record: Record) -> str:
     cells = {"episodes": lambda kind: kind}
     cells |= {f"`{name}`: progress, m/s; episodes that roll": cell(name) for name in names}
     return columns(list(dict.fromkeys(kind for kind, _ in found)), cells)
-
-
-if __name__ == "__main__":
-    learned_policies.run()

@@ -3,11 +3,10 @@
 import time
 from collections.abc import Iterator
 
-from measurement import Figure, Record, measurement
-
 import jax
 import numpy as np
-from pages import columns
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import SolverOptions, contact_twin, load_scene, with_error
 from jaxgrity.control import LearningConfig, environment, learn, learner, trials
@@ -79,7 +78,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.set(xlabel="control periods (millions)", ylabel="progress with exploration (m/s)")
     axes.set_xlim(0, None)
     axes.legend(loc="lower right")
-
-
-if __name__ == "__main__":
-    learning.run()

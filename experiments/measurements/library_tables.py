@@ -1,7 +1,7 @@
 """The tables of README and docs about the default search's gait and the library's."""
 
 import numpy as np
-from pages import columns, made_by, table, whole_zero
+from measurements.pages import columns, made_by, table, whole_zero
 
 from jaxgrity import Gait, Members, gait_names, gait_record, load_gait, load_scene, with_error
 from jaxgrity.model import rest_length

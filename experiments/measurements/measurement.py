@@ -8,15 +8,14 @@ from dataclasses import field, make_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
-from jaxgrity.cli.script import configure, execute, measured
+from jaxgrity.cli.script import measured
 
 import tyro
 from matplotlib.figure import Figure
-from pages import made_by
+from measurements.pages import made_by
 from tqdm import tqdm
 
 from jaxgrity import InputError
-from jaxgrity.cli.command_line import from_command_line
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 
@@ -121,11 +120,6 @@ class Measurement:
         if self.draw is not None:
             plot.save(self.draw(record), path.with_suffix(".png"))
         print(self.all_words(record, path.stem), end="\n\n")
-
-    def run(self) -> None:
-        """Measure as the command line asks for."""
-        configure()
-        execute(self.main, from_command_line(self.Settings, description=self.Settings.__doc__))
 
 
 def check_names(option: str, asked: Iterable[str], names: Collection[str]) -> None:

@@ -8,12 +8,11 @@ that does not know of the obstacles. Touching is judged by all struts and cables
 from dataclasses import replace
 from pathlib import Path
 
-from measurement import Figure, Record, measurement
-
 import numpy as np
-from driven import bounded, drops
 from matplotlib.patches import Circle
-from pages import table
+from measurements.driven import bounded, drops
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 from tqdm import tqdm
 
 from jaxgrity import Cylinder, Differences, Scene, Trajectory, contact_twin, load_gait, load_scene
@@ -227,7 +226,3 @@ def figure(record: Record, chart: Figure) -> None:
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     chart.supxlabel("x (m)", size=9)
     chart.supylabel("y (m)", size=9)
-
-
-if __name__ == "__main__":
-    obstacles.run()

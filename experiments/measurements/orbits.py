@@ -8,10 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from measurement import Figure, Record, measurement
-
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 
 from jaxgrity import (
     Scene,
@@ -107,7 +106,3 @@ def figure(record: Record, chart: Figure) -> None:
         axes.set_aspect("equal", adjustable="datalim")
         if axes.lines:
             axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
-
-
-if __name__ == "__main__":
-    orbits.run()

@@ -8,11 +8,10 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Any
 
-from measurement import Figure, Record, measurement
-
 import numpy as np
-from driven import drops
-from pages import columns
+from measurements.driven import drops
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import (
     Differences,
@@ -162,7 +161,3 @@ def figure(record: Record, chart: Figure) -> None:
     grid[0, 0].set(ylabel="speed of those that roll\n(body lengths/s)", ylim=(0, None))
     grid[1, 0].set(ylabel="robots that roll (%)")
     chart.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-
-
-if __name__ == "__main__":
-    ranges.run()

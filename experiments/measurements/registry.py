@@ -1,23 +1,39 @@
-"""All measurements and studies; as a command, the names of the measurements that `make measure` runs as they are."""
+"""What experiments/run.py runs: measurements, studies, and scripts that write pages."""
 
+import ast
 import importlib
-import sys
+import re
+from functools import cache
 from pathlib import Path
+from typing import Any
 
-from measurement import Measurement
+from measurements.measurement import Measurement
 
-HERE = Path(__file__).parent
-STUDIES = HERE.parent / "studies"
-sys.path.append(str(STUDIES))
-
-
-def measurements(*folders: Path) -> dict[str, Measurement]:
-    """Those of the folders, or all, by the names of their scripts."""
-    paths = (path for folder in folders or (HERE, STUDIES) for path in sorted(folder.glob("*.py")))
-    names = (path.stem for path in paths if "\n@measurement(" in path.read_text(encoding="utf-8"))
-    found = ((name, each) for name in names for each in vars(importlib.import_module(name)).values())
-    return {name: each for name, each in found if isinstance(each, Measurement)}
+EXPERIMENTS = Path(__file__).parents[1]
+FOLDERS = "measurements", "studies", "docs_tables"
 
 
-if __name__ == "__main__":
-    print("\n".join(name for name, found in measurements(HERE).items() if found.listed))
+@cache
+def scripts() -> dict[str, Path]:
+    """Files that can be run, by their names: of measurements, and those with `Settings` and `main`."""
+    paths = (path for folder in FOLDERS for path in sorted((EXPERIMENTS / folder).glob("*.py")))
+    runs = re.compile(r"^(@measurement\(|class Settings:)", re.MULTILINE)
+    return {path.stem: path for path in paths if runs.search(path.read_text("utf-8"))}
+
+
+def loaded(name: str) -> Any:
+    """The measurement of a file, or its module: both have `Settings`, and `main`, which takes them."""
+    module = importlib.import_module(f"{scripts()[name].parent.name}.{name}")
+    return next((each for each in vars(module).values() if isinstance(each, Measurement)), module)
+
+
+def measurements(*folders: str) -> dict[str, Measurement]:
+    """Measurements of the folders, or all, by the names of their files."""
+    found = {name: loaded(name) for name, path in scripts().items() if path.parent.name in (folders or FOLDERS)}
+    return {name: each for name, each in found.items() if isinstance(each, Measurement)}
+
+
+def sentence(name: str) -> str:
+    """The first sentence of what a file says of itself."""
+    told = ast.get_docstring(ast.parse(scripts()[name].read_text("utf-8"))) or ""
+    return " ".join(told.partition("\n\n")[0].split()).partition(". ")[0]

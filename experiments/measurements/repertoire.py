@@ -10,11 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from measurement import Figure, Record, measurement
-
 import jax
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 from tqdm import tqdm
 
 from jaxgrity import (
@@ -201,7 +200,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.set(xlabel="bend (rad per body length, to the left)", ylabel="speed (body lengths/s)")
     axes.set(xlim=ranges["bend"], ylim=ranges["speed"])
     chart.legend(loc="outside upper center", ncols=3)
-
-
-if __name__ == "__main__":
-    repertoire.run()

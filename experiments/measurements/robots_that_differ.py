@@ -5,10 +5,9 @@ models. Leaves robots_that_differ.json and a figure of every robot's speed.
 from collections.abc import Iterator
 from typing import Any
 
-from measurement import Figure, Record, measurement
-
 import numpy as np
-from pages import columns, whole_zero
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns, whole_zero
 
 from jaxgrity import SearchConfig, SolverOptions, contact_twin, gait_record, load_gait, load_scene, with_gait
 from jaxgrity.model import body_length
@@ -98,7 +97,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.set(xlabel="robots (%), slowest first", ylabel="speed along the path (body lengths/s)", ylim=(0, None))
     axes.set_title("Perturbed robots")
     chart.legend(loc="outside right upper")
-
-
-if __name__ == "__main__":
-    robots_that_differ.run()

@@ -9,12 +9,11 @@ import functools
 import os
 from functools import partial
 
-from measurement import Figure, Record, measurement
-
-import limit as hand_written
 import numpy as np
-from pages import table
-from scaling_costs import (
+from measurements import limit as hand_written
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
+from measurements.scaling_costs import (
     METHODS,
     cost_in_c,
     exponents,
@@ -185,7 +184,3 @@ def figure(record: Record, chart: Figure) -> None:
     for axes in (left, right):
         axes.grid(alpha=0.3, which="both")
         axes.legend()
-
-
-if __name__ == "__main__":
-    scaling.run()

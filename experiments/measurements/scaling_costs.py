@@ -13,9 +13,9 @@ from pathlib import Path
 from jaxgrity.cli.script import configure
 
 import jax
-import limit as hand_written
 import numpy as np
-from engines import AT_LEAST, C_SWEEPS
+from measurements import limit as hand_written
+from measurements.engines import AT_LEAST, C_SWEEPS
 
 from jaxgrity import Scene, SolverOptions, gaits_of, load_scene, random_phases, simulate, simulate_population
 from jaxgrity.structures import prism_tower

@@ -7,12 +7,11 @@ and ground, friction that is off by up to 25 %, and start from drops.
 
 from pathlib import Path
 
-from measurement import Figure, Record, measurement
-
 import numpy as np
 from matplotlib.patches import Circle
-from obstacles import ARENA, GAITS, GOAL, MARGIN, NEAR, REACH, led, told
-from pages import table
+from measurements.measurement import Figure, Record, measurement
+from measurements.obstacles import ARENA, GAITS, GOAL, MARGIN, NEAR, REACH, led, told
+from measurements.pages import table
 
 from jaxgrity import contact_twin, load_gait, load_scene
 from jaxgrity.control import CAUTIOUS, PhaseLocked, discs_of, gait_choices, room, sure_footed, way_map
@@ -92,7 +91,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5, 5), xlabel="x (m)", ylabel="y (m)")
     chart.colorbar(shown, label="ground (cm)", shrink=0.7)
     axes.legend(loc="upper left")
-
-
-if __name__ == "__main__":
-    scene_field.run()

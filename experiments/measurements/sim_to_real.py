@@ -7,11 +7,10 @@ gait is then foretold for robots that are plausible before and after, with the s
 from functools import partial
 from typing import Any
 
-from measurement import Figure, Record, check_names, measurement
-
 import jax
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, check_names, measurement
+from measurements.pages import table
 
 from jaxgrity import Scene, SolverOptions, gait_names, load_gait, load_scene, simulate, with_gait
 from jaxgrity.identification import (
@@ -158,7 +157,3 @@ def figure(record: Record, chart: Figure) -> None:
     sorted_speeds.set(xlabel="plausible robots (%), slowest first", ylabel="steady speed (m/s)", ylim=(0, None))
     sorted_speeds.set_title("Forecast")
     sorted_speeds.legend()
-
-
-if __name__ == "__main__":
-    sim_to_real.run()

@@ -2,13 +2,12 @@
 slowest mode, whose damping ratio is scanned.
 """
 
-from measurement import Figure, Record, measurement
-
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
+from measurements.spine_robot import FOLDER, commanded, load_spine, numbers, read_table, resting_shapes
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import least_squares
-from spine_robot import FOLDER, commanded, load_spine, numbers, read_table, resting_shapes
 
 from jaxgrity.statics import vibration_modes
 
@@ -110,7 +109,3 @@ def figure(record: Record, chart: Figure) -> None:
     right.semilogx([fit["ratio"] for fit in fits], squares, "o-")
     right.set(xlabel="damping ratio", ylabel="sum of squares (standard errors)", title="Misfit")
     right.set_ylim(0, 1.2 * max(squares))
-
-
-if __name__ == "__main__":
-    spine_dynamics.run()

@@ -8,8 +8,6 @@ import io
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxgrity.cli.script import run
-
 import numpy as np
 
 from jaxgrity import InputError
@@ -108,7 +106,3 @@ def write(path: Path, head: list[str], rows: list[list]) -> None:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([head, *rows])
     write_whole(path, lambda file: file.write(text.getvalue().encode()))
-
-
-if __name__ == "__main__":
-    run(main, Settings)

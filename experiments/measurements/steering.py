@@ -7,13 +7,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from measurement import Figure, Record, measurement
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from driven import ENOUGH, bounded, dropped_loop, drops, straight_on
-from pages import columns
+from measurements.driven import ENOUGH, bounded, dropped_loop, drops, straight_on
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import load_scene
 from jaxgrity.control import Loop, Plant, Steered, drive, side_by_side, simulate_policy
@@ -118,7 +117,3 @@ def figure(record: Record, chart: Figure) -> None:
     left.set(xlabel="bend", ylabel="turning (°/s), median,\nand standard deviation")
     right.plot(bends, [row["speed"] for row in rows], "o-")
     right.set(xlabel="bend", ylabel="speed (m/s)", ylim=(0, None))
-
-
-if __name__ == "__main__":
-    steering.run()

@@ -10,12 +10,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from measurement import Figure, Record, measurement
-
 import jax.numpy as jnp
 import numpy as np
-from driven import ENOUGH, bounded, dropped_loop, drops
-from pages import table
+from measurements.driven import ENOUGH, bounded, dropped_loop, drops
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 
 from jaxgrity import Differences, load_gait, load_scene
 from jaxgrity.control import Blend, Loop, PhaseLocked, Plant, drive, gait_choices, side_by_side, sure_footed
@@ -159,7 +158,3 @@ def figure(record: Record, chart: Figure) -> None:
         axes.grid(axis="y", visible=False)
     panes[0].invert_yaxis()
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(over))
-
-
-if __name__ == "__main__":
-    transitions.run()

@@ -12,12 +12,10 @@ from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from jaxgrity.cli.script import run
-from measurement import Measurement
-
-import library_tables as library
-from pages import fill_page, save_compact
-from registry import measurements
+from measurements import library_tables as library
+from measurements.measurement import Measurement
+from measurements.pages import fill_page, save_compact
+from measurements.registry import measurements
 
 from jaxgrity import InputError
 from jaxgrity.io.files import read_text
@@ -143,7 +141,3 @@ def pages(root: Path) -> dict[str, dict[str, str]]:
     found[GAITS] = {"library": found[README]["library"]}
     found[GAIT_RECORDS] |= library.full_gaits_tables() | {"library/commands": library.gait_commands()}
     return found
-
-
-if __name__ == "__main__":
-    run(main, Settings)

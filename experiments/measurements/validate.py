@@ -1,12 +1,11 @@
 """A real robot and its simulation: statics of the measured spine through all of its commanded poses, nothing fitted."""
 
-from measurement import Figure, Record, measurement
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from pages import table
-from spine_robot import POSE, Spine, load_spine, pose, resting_shapes, rms
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
+from measurements.spine_robot import POSE, Spine, load_spine, pose, resting_shapes, rms
 
 UNITS = np.array([1e3, 1e3, 180 / np.pi])
 """mm, mm and degrees, from m, m and rad"""
@@ -103,7 +102,3 @@ def words(record: Record) -> str:
     head = ["", "largest difference from the authors' poses", "difference from the camera, rms of a run"]
     head += ["mean difference", "the robot from run to run", "rms of a run, frames 0.5 to 1.4 s after a command"]
     return table(head, rows)
-
-
-if __name__ == "__main__":
-    validation.run()

@@ -10,12 +10,11 @@ import time
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
-from measurement import Figure, Record, measurement
-
 import equinox as eqx
 import jax
 import numpy as np
-from pages import short, table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import short, table
 
 from jaxgrity import (
     METHODS,
@@ -228,7 +227,7 @@ def measure(task: Task, options: SolverOptions, truths: dict, repeats: int) -> R
 
 def mujoco_rows(task: Task, repeats: int) -> Iterator[Record]:
     """MuJoCo against itself at a far smaller step: the same masses and springs, its own contacts."""
-    from mujoco_peer import roll
+    from measurements.mujoco_peer import roll
 
     phases = np.asarray(task.gaits.phase)[:16]
     scene = eqx.tree_at(
@@ -276,7 +275,3 @@ def figure(record: Record, chart: Figure) -> None:
     panels[0].set(xlabel="wall time per gait and simulated second (s)", title=record["scene"])
     panels[1].set(xlabel="force evaluations per gait and simulated second")
     chart.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-
-
-if __name__ == "__main__":
-    work_precision.run()

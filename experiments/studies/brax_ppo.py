@@ -9,14 +9,13 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-from shared import Figure, Record, measurement
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from pages import columns
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import InputError, SolverOptions, load_scene, with_error
 from jaxgrity.control import TASKS, LearningConfig, environment, trials
@@ -158,7 +157,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.set(xlabel="control periods (millions)", ylabel="reward in evaluations (m/s)")
     axes.set_xlim(0, None)
     axes.legend(loc="lower right")
-
-
-if __name__ == "__main__":
-    brax_ppo.run()

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-from random_structures import random_scene
+from studies.random_structures import random_scene
 
 from jaxgrity import (
     ConeFriction,

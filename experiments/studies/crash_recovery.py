@@ -16,10 +16,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from shared import Record, measurement
-
 import numpy as np
-from pages import table
+from measurements.measurement import Record, measurement
+from measurements.pages import table
 
 from jaxgrity import InputError
 from jaxgrity.io.files import PART
@@ -154,7 +153,3 @@ def broken_files(folder: Path) -> list[str]:
         except Exception:
             found.append(path.name)
     return found
-
-
-if __name__ == "__main__":
-    crash_recovery.run()

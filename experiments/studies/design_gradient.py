@@ -12,14 +12,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from shared import Figure, Record, measurement
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from design_space import HIGHEST, LOWEST, NAMES, Limits, designed, on_orbit
-from pages import table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 from scipy.optimize import linprog
+from studies.design_space import HIGHEST, LOWEST, NAMES, Limits, designed, on_orbit
 from tqdm import tqdm
 
 from jaxgrity import InputError, Scene, load_gait, load_scene, with_gait
@@ -206,7 +205,3 @@ def figure(record: Record, chart: Figure) -> None:
     climb.set(xlabel="steps kept", ylabel="steady speed (m/s)", ylim=(0, None), title="Penalty contact")
     climb.xaxis.get_major_locator().set_params(integer=True)
     chart.legend(*speed.get_legend_handles_labels(), title="power allowed", loc="outside right upper")
-
-
-if __name__ == "__main__":
-    design_gradient.run()

@@ -10,11 +10,10 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Any, NamedTuple
 
-from shared import Figure, Record, measurement
-
 import numpy as np
-from design_space import GAIT_ALONE, HIGHEST, LOWEST, NAMES, Limits, Tried, keeps, on_orbit, tried
-from pages import table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
+from studies.design_space import GAIT_ALONE, HIGHEST, LOWEST, NAMES, Limits, Tried, keeps, on_orbit, tried
 from tqdm import tqdm
 
 from jaxgrity import InputError, Scene, load_gait, load_scene, with_gait
@@ -169,7 +168,3 @@ def figure(record: Record, chart: Figure) -> None:
         axes.set_ylim(0, 1.08 * axes.get_ylim()[1])  # room for a mark at the top
     speed.legend()
     design.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-
-
-if __name__ == "__main__":
-    design_study.run()

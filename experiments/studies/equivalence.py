@@ -11,11 +11,10 @@ depends on the order; a rigid one takes it at once. Without friction it goes.
 from collections.abc import Callable, Iterator
 from typing import Literal
 
-from shared import Figure, Record, measurement
-
 import equinox as eqx
 import numpy as np
-from pages import short, table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import short, table
 
 from jaxgrity import Members, PenaltyGround, Scene, SmoothFriction, SolverOptions, load_scene, simulate, with_gait
 
@@ -163,7 +162,3 @@ def figure(record: Record, chart: Figure) -> None:
     deep.loglog(*zip(*known), "k-", lw=0.8, label="m g / (n k_n), at rest")
     deep.set(xlabel="k_n (N/m)", ylabel="depth in the ground (m)")
     deep.legend()
-
-
-if __name__ == "__main__":
-    equivalence.run()

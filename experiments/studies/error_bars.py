@@ -7,11 +7,10 @@ rollout at a step 16 times smaller.
 from collections.abc import Iterator
 from itertools import product
 
-from shared import Figure, Record, measurement
-
 import equinox as eqx
 import numpy as np
-from pages import columns
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import Scene, SolverOptions, gaits_of, load_scene, random_phases, simulate_population, verify
 from jaxgrity.report import plot
@@ -96,7 +95,3 @@ def figure(record: Record, chart: Figure) -> None:
         axes.legend(fontsize="small")
         axes.set(xlabel="true error (m)", ylabel="error bar (m)")
         axes.set_title(f"{row['scene']}, {row['duration']:g} s: {row['covered']:.0%} covered")
-
-
-if __name__ == "__main__":
-    error_bars.run()

@@ -3,11 +3,10 @@
 import time
 from pathlib import Path
 
-from shared import Record, measurement
-
 import jax
 import numpy as np
-from pages import table
+from measurements.measurement import Record, measurement
+from measurements.pages import table
 from tqdm import tqdm
 
 from jaxgrity import InputError
@@ -94,7 +93,3 @@ def words(record: Record) -> str:
         ["largest growth of memory after these", f"{record['largest_growth']:.1%}"],
     ]
     return table(["a long session", "measured"], rows)
-
-
-if __name__ == "__main__":
-    explorer_session.run()

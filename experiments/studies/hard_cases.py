@@ -12,12 +12,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from jaxgrity.cli.script import configure
-from shared import Figure, Record, check_names, measurement
 
 import numpy as np
-from cases import CASES, Case
 from matplotlib.patches import Rectangle
-from pages import table
+from measurements.measurement import Figure, Record, check_names, measurement
+from measurements.pages import table
+from studies.cases import CASES, Case
 
 from jaxgrity import FAILURES, METHODS, InputError, SolverOptions, Trajectory, refinement_bar, simulate
 from jaxgrity.stepping import ResolvedOptions, find_method, resolve
@@ -209,7 +209,3 @@ def figure(record: Record, chart: Figure) -> None:
             axes.add_patch(Rectangle((x, y), 1, 0.5, facecolor=COLOURS[verdict], edgecolor="white"))
     verdicts = [Rectangle((0, 0), 1, 1, facecolor=colour, label=verdict) for verdict, colour in COLOURS.items()]
     chart.legend(handles=verdicts, loc="outside lower center", ncols=len(verdicts))
-
-
-if __name__ == "__main__":
-    hard_cases.run()

@@ -11,11 +11,10 @@ from functools import cache
 from itertools import product
 from typing import Literal, NamedTuple, get_args
 
-from shared import Figure, Record, measurement
-
 import jax
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 
 from jaxgrity import GAConfig, InputError, PolishConfig, SearchConfig, SearchProblem, contact_twin, evolve, load_scene
 from jaxgrity import polish as polish_from
@@ -243,7 +242,3 @@ def figure(record: Record, chart: Figure) -> None:
         axes.set_xticks(range(len(methods)), methods, rotation=30, ha="right")
         axes.set(title={"waves": "waves", "free": "free gaits"}[freedom], ylim=(0, None))
         axes.set_ylabel("steady speed (body lengths/s)")
-
-
-if __name__ == "__main__":
-    lasting_baselines.run()

@@ -10,12 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from shared import Figure, Record, check_names, measurement
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, check_names, measurement
+from measurements.pages import table
 
 from jaxgrity import (
     ConeFriction,
@@ -259,7 +258,3 @@ def words(record: Record) -> str:
     ]
     head = ["what", "arrays with an effect", "reverse mode", "central differences"]
     return table(head, rows)
-
-
-if __name__ == "__main__":
-    leaf_gradients.run()

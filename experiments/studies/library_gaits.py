@@ -11,10 +11,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from shared import Figure, Record, check_names, measurement
-
 import numpy as np
-from pages import columns
+from measurements.measurement import Figure, Record, check_names, measurement
+from measurements.pages import columns
 
 from jaxgrity import gait_names, gait_record
 from jaxgrity.io.files import read_text
@@ -71,7 +70,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.grid(axis="y", visible=False)
     axes.invert_yaxis()
     chart.legend(loc="outside upper center", ncols=2)
-
-
-if __name__ == "__main__":
-    library_gaits.run()

@@ -14,13 +14,12 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from shared import Record, measurement
-
 import jax
-from matrix_calls import CALLS, reaching
-from matrix_scenes import IMPOSSIBLE, KINDS, LATER, Row, covering, pairs
-from matrix_uses import MOVING, STILL, Case, same, tried
-from pages import columns
+from measurements.measurement import Record, measurement
+from measurements.pages import columns
+from studies.matrix_calls import CALLS, reaching
+from studies.matrix_scenes import IMPOSSIBLE, KINDS, LATER, Row, covering, pairs
+from studies.matrix_uses import MOVING, STILL, Case, same, tried
 
 from jaxgrity import load_scene, save_scene
 from jaxgrity.cli import convert, diagnose, inspect, search, simulate
@@ -229,7 +228,3 @@ def words_of_commands(record: Record) -> str:
     """How every command ended on every kind of scene."""
     heads = {name.removeprefix("jaxgrity "): "{" + name + "}" for name in COMMANDS}
     return columns(record["commands"], {"kind": "{kind}"} | heads)
-
-
-if __name__ == "__main__":
-    matrix.run()

@@ -13,7 +13,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from matrix_uses import Case
+from studies.matrix_uses import Case
 
 from jaxgrity import (
     Differences,

@@ -11,7 +11,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from matrix_scenes import GAP, MOTION, Row, scene_of, turn_about_z, turnable, units_of
+from studies.matrix_scenes import GAP, MOTION, Row, scene_of, turn_about_z, turnable, units_of
 
 from jaxgrity import (
     Forces,

@@ -9,10 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from shared import Figure, Record, measurement
-
 import numpy as np
-from pages import columns
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 from tqdm import tqdm
 
 from jaxgrity import (
@@ -231,7 +230,3 @@ def figure(record: Record, chart: Figure) -> None:
         axes.plot(moved, after, ".", markersize=2)
         axes.set(xlabel="moved along its unstable direction (mm)", ylabel="shape a cycle later (mm)")
         axes.set_title(f"{row['gait']}, {'own step' if row['part'] == 1 else '1/{part} of the step'.format(**row)}")
-
-
-if __name__ == "__main__":
-    multipliers.run()

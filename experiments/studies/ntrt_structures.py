@@ -4,10 +4,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from shared import Record, measurement
-
 import numpy as np
-from pages import columns
+from measurements.measurement import Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import FAILURES, Scene, contact_twin, simulate
 from jaxgrity.formats import read_ntrt
@@ -75,7 +74,3 @@ def words(record: Record) -> str:
 def ending(end: Record) -> str:
     """The height in the end, or what became of the rollout."""
     return f"{end['end']:.2f}" if end["outcome"] == "succeeded" else end["outcome"]
-
-
-if __name__ == "__main__":
-    ntrt.run()

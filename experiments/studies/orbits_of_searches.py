@@ -7,10 +7,9 @@ The speed at the default step is compared with that at an eighth of it, and with
 from collections.abc import Iterator
 from typing import Any
 
-from shared import Figure, Record, measurement
-
 import numpy as np
-from pages import columns
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 from tqdm import tqdm
 
 from jaxgrity import Gait, Scene, SearchConfig, SolverOptions, contact_twin, load_scene, one_gait, with_gait
@@ -131,7 +130,3 @@ def figure(record: Record, chart: Figure) -> None:
     steps.minorticks_off()
     for axes in (bars, steps):
         axes.legend()
-
-
-if __name__ == "__main__":
-    orbits_of_searches.run()

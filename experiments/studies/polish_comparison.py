@@ -10,10 +10,9 @@ import dataclasses
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from shared import Figure, Record, measurement
-
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 
 from jaxgrity import (
     GAConfig,
@@ -233,7 +232,3 @@ def figure(record: Record, chart: Figure) -> None:
         range(len(WAYS)), ["search\nruns on", "search\nwith overtones", "polish,\nsmoothed", "polish\non the orbit"]
     )
     axes.set_ylabel("fitness gained over the start (body lengths/s)")
-
-
-if __name__ == "__main__":
-    polish_comparison.run()

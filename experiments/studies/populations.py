@@ -11,12 +11,12 @@ from itertools import product
 from pathlib import Path
 
 from jaxgrity.cli.script import measured
-from shared import Figure, Record, measurement
 
 import jax
 import numpy as np
-from pages import table
-from scaling_costs import METHODS
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
+from measurements.scaling_costs import METHODS
 
 from jaxgrity import Outcomes, SolverOptions, gaits_of, load_scene, random_phases, simulate_population
 from jaxgrity.io.files import read_text
@@ -117,7 +117,3 @@ def figure(record: Record, chart: Figure) -> None:
         axes.grid(alpha=0.3, which="both")
         axes.legend()
     chart.axes[0].set_ylabel("µs per gait and simulated second")
-
-
-if __name__ == "__main__":
-    populations.run()

@@ -7,11 +7,10 @@ controller.
 
 from collections.abc import Iterator
 
-from shared import Figure, Record, measurement
-
 import numpy as np
-from driven import bounded, straight_on
-from pages import columns
+from measurements.driven import bounded, straight_on
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import load_scene
 from jaxgrity.control import Sampling, lead_to
@@ -70,7 +69,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.set(xlabel="rollouts for each choice", ylabel="times real time", ylim=(0.8, 20))
     axes.set_xticks([row["samples"] for row in rows], [f"{row['samples']}" for row in rows])
     axes.yaxis.set_major_formatter("{x:g}")
-
-
-if __name__ == "__main__":
-    predictive_speed.run()

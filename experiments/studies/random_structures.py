@@ -12,12 +12,12 @@ from multiprocessing import get_context
 from typing import NamedTuple
 
 from jaxgrity.cli.script import configure, cores
-from shared import Record, measurement
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from pages import columns
+from measurements.measurement import Record, measurement
+from measurements.pages import columns
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -256,7 +256,3 @@ def words(record: Record) -> str:
         ),
     }
     return columns([{"name": name} | facts for name, facts in solvers.items()], cells)
-
-
-if __name__ == "__main__":
-    random_structures.run()

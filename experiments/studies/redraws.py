@@ -8,11 +8,10 @@ orbits, by other disturbances: their range is the largest difference from three 
 
 from collections.abc import Iterator
 
-from shared import Figure, Record, measurement
-
 import jax
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 from tqdm import tqdm
 
 from jaxgrity import (
@@ -171,7 +170,3 @@ def figure(record: Record, chart: Figure) -> None:
         yticklabels=list(errors),
         xlabel="error of each ensemble's statistic, in half-widths of its range",
     )
-
-
-if __name__ == "__main__":
-    redraws.run()

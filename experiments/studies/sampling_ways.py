@@ -6,12 +6,11 @@ The trials are those of goals.py across a slope, where the robot is not the mode
 from collections.abc import Iterator
 from itertools import product
 
-from shared import Figure, Record, measurement
-
-import goals
 import numpy as np
-from driven import straight_on
-from pages import columns
+from measurements import goals
+from measurements.driven import straight_on
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 
 from jaxgrity.control import Sampling, lead_to
 
@@ -84,7 +83,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.set_yticks(range(len(rows)), [f"{row['way']}, {row['knots']}" for row in rows])
     axes.set(xlabel="time to the goal (s)", ylabel="way, bends")
     axes.invert_yaxis()
-
-
-if __name__ == "__main__":
-    sampling_ways.run()

@@ -12,15 +12,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from shared import Figure, Record, check_names, measurement
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
 from jax.sharding import Mesh, PartitionSpec
-from pages import columns
+from measurements.measurement import Figure, Record, check_names, measurement
+from measurements.pages import columns
 
 from jaxgrity import InputError, SolverOptions, contact_twin, load_scene, with_error
 from jaxgrity.control import Environment, Learner, LearningConfig, environment, learn, learner, trials
@@ -290,7 +289,3 @@ def figure(record: Record, chart: Figure) -> None:
         axes.set_xlim(0, None)
         axes.legend()
     chart.axes[0].set_ylabel("progress with exploration (m/s)")
-
-
-if __name__ == "__main__":
-    short_horizon.run()

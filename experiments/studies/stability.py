@@ -7,11 +7,10 @@ measured one is the smallest step at which it grows a thousandfold in 7000 steps
 
 from itertools import product
 
-from shared import Figure, Record, measurement
-
 import numpy as np
-from measured_limits import at_rest, measure
-from pages import columns, table
+from measurements.measured_limits import at_rest, measure
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns, table
 from tqdm import tqdm
 
 from jaxgrity import METHODS, Scene, load_scene, parse_scene, stable_step
@@ -106,7 +105,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.fill_between(ends, 0.9 * ends, 1.1 * ends, color="k", alpha=0.1, label="within 10 %")
     axes.set(xlabel="predicted largest stable step (s)", ylabel="smallest step that diverges (s)")
     axes.legend()
-
-
-if __name__ == "__main__":
-    stability.run()

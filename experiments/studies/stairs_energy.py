@@ -6,10 +6,9 @@ jumps: what the balance of energy misses there is an error of the step.
 
 from collections.abc import Iterator
 
-from shared import Record, measurement
-
 import numpy as np
-from pages import columns
+from measurements.measurement import Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import (
     ConeFriction,
@@ -74,7 +73,3 @@ def words(record: Record) -> str:
         "energy turned over": "{turned_over:.2f} J",
     }
     return columns(record["rows"], cells)
-
-
-if __name__ == "__main__":
-    stairs_energy.run()

@@ -7,12 +7,11 @@ import time
 from collections.abc import Iterator
 from itertools import product
 
-from shared import Figure, Record, measurement
-
 import equinox as eqx
 import jax
 import numpy as np
-from pages import columns
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import FAILURES, Scene, SolverOptions, centre_path, load_scene, simulate
 
@@ -102,7 +101,3 @@ def figure(record: Record, chart: Figure) -> None:
         axes.set_xticks(np.arange(len(scenes)) + 0.27, scenes)
         axes.set(yscale="log", ylabel="steps, accepted and rejected", title=f"tolerance {tolerance:g}")
     chart.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=len(METHODS))
-
-
-if __name__ == "__main__":
-    stiff.run()

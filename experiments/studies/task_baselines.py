@@ -14,12 +14,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from shared import Figure, Record, check_names, measurement
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from pages import table
+from measurements.measurement import Figure, Record, check_names, measurement
+from measurements.pages import table
 
 from jaxgrity import InputError, SolverOptions, as_dtype, load_gait, load_scene
 from jaxgrity.control import (
@@ -274,7 +273,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.grid(axis="y", visible=False)
     axes.invert_yaxis()
     chart.legend(loc="outside upper center", ncols=3)
-
-
-if __name__ == "__main__":
-    task_baselines.run()

@@ -8,11 +8,10 @@ from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 
-from shared import Figure, Record, measurement
-
-import limit as hand_written
 import numpy as np
-from pages import columns
+from measurements import limit as hand_written
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
 
 from jaxgrity import Scene, SolverOptions, contact_twin, gaits_of, load_gait, load_scene, simulate_population, with_gait
 from jaxgrity.model import body_length
@@ -79,7 +78,7 @@ def by_c(program: Path, scene: Scene, dt: float) -> Ends:
 
 def by_mujoco(scene: Scene) -> Ends:
     """Spring struts and cables, and MuJoCo's own soft contact, by RK4 at 0.2 ms."""
-    import mujoco_peer
+    from measurements import mujoco_peer
 
     mass = np.asarray(scene.structure.lumped_mass)
 
@@ -113,7 +112,3 @@ def figure(record: Record, chart: Figure) -> None:
         yticks=range(len(speeds)), yticklabels=list(speeds), xlabel="steady speed (body lengths/s)", xlim=(0, None)
     )
     axes.invert_yaxis()
-
-
-if __name__ == "__main__":
-    third_opinions.run()

@@ -13,12 +13,12 @@ from itertools import product
 from unittest import mock
 
 from jaxgrity.cli.script import cores
-from shared import Record, measurement
 
 import jax.numpy as jnp
 import numpy as np
-from pages import table
-from random_structures import random_scene
+from measurements.measurement import Record, measurement
+from measurements.pages import table
+from studies.random_structures import random_scene
 
 from jaxgrity import ConeFriction, ExactGround, Members, Scene, SolverOptions, Structure, edge_lengths, simulate
 from jaxgrity.structures import tetrahedral_spine
@@ -103,7 +103,3 @@ def words(record: Record) -> str:
         rows.append([size, solver, *(f"{row['milliseconds']:.2f}" for row in mine)])
     beside = f"beside {record['cores']} busy processes, ms/step"
     return table(["structure", "systems solved", "idle machine, ms/step", beside], rows)
-
-
-if __name__ == "__main__":
-    threads.run()

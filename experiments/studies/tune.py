@@ -9,14 +9,13 @@ known feedback and what was found are compared on ground and from drops on which
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
-from shared import Figure, Record, measurement
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from driven import ENOUGH, PART, dropped_loop, drops
-from pages import table
+from measurements.driven import ENOUGH, PART, dropped_loop, drops
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import table
 from tqdm import tqdm
 
 from jaxgrity import Differences, SolverOptions, as_dtype, gait_record, load_gait, load_scene
@@ -197,7 +196,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.set(xlabel="generation", ylabel="fitness (m/s)", ylim=(0, None))
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.legend()
-
-
-if __name__ == "__main__":
-    tune.run()

@@ -7,13 +7,12 @@ vectors in the frame of the wanted direction has this symmetry by construction.
 from collections.abc import Iterator
 from dataclasses import fields
 
-from shared import Figure, Record, measurement
-
 import jax
 import jax.numpy as jnp
 import numpy as np
-from pages import columns
-from short_horizon import PPO, learned
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
+from studies.short_horizon import PPO, learned
 
 from jaxgrity import SolverOptions, load_scene, with_error
 from jaxgrity.control import Environment, EnvironmentState, LearningConfig, environment, trials
@@ -99,7 +98,3 @@ def figure(record: Record, chart: Figure) -> None:
     axes.set(xlabel="processor time (s)", ylabel="progress with exploration (m/s)")
     axes.set_xlim(0, None)
     axes.legend()
-
-
-if __name__ == "__main__":
-    turned_frame.run()

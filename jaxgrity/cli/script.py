@@ -11,7 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 # Read by Equinox when it is imported: diffrax's own checks, which options have passed before, then mark a rollout NaN
 # instead of calling back from the compiled program, which JAX could not keep for the next run.
@@ -91,12 +91,12 @@ def join_hosts() -> None:
         jax.distributed.initialize()
 
 
-def run(main: Callable[[Settings], None], settings: type[Settings]) -> None:
-    """Call `main` with `settings` from the command line, as `execute` does."""
+def run(main: Callable[[Settings], None], settings: type[Settings], **how: Any) -> None:
+    """Call `main` with `settings` from the command line, read as `from_command_line` is told, as `execute` does."""
     configure()
     undocumented = (settings.__doc__ or "").startswith(f"{settings.__name__}(")  # as dataclasses do it by themselves
     described = sys.modules[settings.__module__] if undocumented else settings
-    execute(main, from_command_line(settings, description=described.__doc__))
+    execute(main, from_command_line(settings, description=described.__doc__, **how))
 
 
 def execute(main: Callable[[Settings], None], chosen: Settings) -> None:

@@ -18,7 +18,6 @@ from jaxgrity.control.plant import (
     Plant,
     PlantState,
     actuate,
-    check_key,
     observe,
     plant_of,
     plant_start,
@@ -26,7 +25,7 @@ from jaxgrity.control.plant import (
 )
 from jaxgrity.control.sensors import Observation, Sensors
 from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, task_start
-from jaxgrity.core.arguments import check_number
+from jaxgrity.core.arguments import check_key, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
@@ -165,8 +164,12 @@ class Environment:
         """The states of many episodes, with the start of a new one, drawn by its key, in place of each that is `over`.
 
         `over`, such as `states.done > 0`, and `keys` have the shape (episodes,). States are of `reset` and `step`, with
-        episodes in front.
+        episodes in front. Raises `InputError` where shapes differ.
         """
+        over, episodes = jnp.asarray(over), np.shape(states.done)
+        if over.shape != episodes or np.shape(keys)[:1] != episodes:
+            found = f"over, keys: shapes {over.shape} and {np.shape(keys)}"
+            raise InputError(f"{found}; expected one of each for the {episodes} states")
         fresh = jax.lax.cond(over.any(), jax.vmap(self.reset), lambda _: states, keys)
         return jax.tree.map(
             lambda new, old: jnp.where(over.reshape(-1, *[1] * (old.ndim - 1)), new, old), fresh, states

@@ -20,12 +20,12 @@ SLOWEST, FASTEST = 0.0, 2.0
 
 GAINS = ((0.2, 0.29), (-0.15, 0.17))
 """Default gains of feedback, rounded from one search for the gait "lasting", which
-experiments/studies/tune.py repeats and compares with these."""
+`python experiments/run.py tune` repeats and compares with these."""
 
 SURE_GAINS, SURE_SWINGS = ((0.23, 0.45), (-0.34, 0.24)), ((0.24, 0.02), (-0.19, -0.01))
 SURE_AMPLITUDE, SURE_FREQUENCY = 1.11, 1.14
 """Gains of `sure_footed`, and factors on the amplitude and frequency of the gait "lasting": rounded from one search on
-bumps, which experiments/studies/tune.py repeats and compares with these."""
+bumps, which `python experiments/run.py tune` repeats and compares with these."""
 FASTEST_SWING = 3.0
 """Largest rate du/dt that counts, 1/s. Faster ones count as this one."""
 

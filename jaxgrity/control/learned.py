@@ -14,10 +14,9 @@ from jaxtyping import Float
 
 from jaxgrity.control.closed_loop import frame, trajectory_of
 from jaxgrity.control.environments import ENDS, Environment, sensed
-from jaxgrity.control.plant import check_key
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.control.sensors import Observation
-from jaxgrity.core.arguments import check_count
+from jaxgrity.core.arguments import check_count, check_key
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import check_fields, typed

@@ -11,7 +11,6 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jaxgrity.control.environments import Environment
 from jaxgrity.control.learned import standardised, untrained
-from jaxgrity.control.plant import check_key
 from jaxgrity.control.ppo import (
     AXIS,
     Learner,
@@ -23,7 +22,7 @@ from jaxgrity.control.ppo import (
     optimiser,
     with_observations,
 )
-from jaxgrity.core.arguments import check_count
+from jaxgrity.core.arguments import check_count, check_key
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray

@@ -28,6 +28,8 @@ REACH = 0.6
 COMFORT, SPACING = 0.4, 0.1
 """Default room beyond the reach, m for a robot of one metre: with less, ways count as longer. Then the default spacing
 of the grid, m for the same robot."""
+MOST_POINTS = 1_000_000
+"""Most points of a grid of ways: a gigabyte of links between them."""
 SAME_REACH = 1e-6
 """Relative amount by which rounding may make a given reach smaller than the robot's own."""
 
@@ -235,6 +237,9 @@ def way_map(
         found = f"reach, comfort, spacing = {reach}, {comfort}, {spacing} m"
         raise InputError(f"{found}: expected positive numbers, and a spacing of at most half of reach")
     shape = tuple((np.ceil((high - low) / spacing) + 1).astype(int))
+    if np.prod(shape, dtype=float) > MOST_POINTS:
+        found = f"arena = {tuple(arena)}: a grid of {shape[0]} times {shape[1]} points {spacing:g} m apart"
+        raise InputError(f"{found}; expected at most {MOST_POINTS:,}, by a smaller arena or a wider spacing")
     x, y = (low[k] + spacing * np.arange(shape[k]) for k in range(2))
     free = room(discs, np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)) - reach
     weight = np.where(free > 0, 1 + (CLOSE - 1) * np.clip(1 - free / comfort, 0, 1), np.inf)

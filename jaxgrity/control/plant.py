@@ -15,7 +15,7 @@ import numpy as np
 from jaxgrity.control.motor_limits import MotorLimits, contraction_reached
 from jaxgrity.control.possible_starts import possible
 from jaxgrity.control.sensors import Observation, Readings, Sensors, first_readings, measure, read
-from jaxgrity.core.arguments import check_count, check_indices, check_number, is_number
+from jaxgrity.core.arguments import check_count, check_indices, check_key, check_number, is_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
@@ -90,13 +90,6 @@ def check_model(robot: Plant, model: Plant) -> None:
     if (model.members, model.period) != (robot.members, robot.period):
         own, other = (f"members {plant.members} every {plant.period:g} s" for plant in (robot, model))
         raise InputError(f"model: {other}; expected {own}, as the robot has")
-
-
-def check_key(key: Any) -> None:
-    """Raise `InputError` if it is no random key."""
-    kind, shape = getattr(key, "dtype", np.dtype(int)), np.shape(key)
-    if not ((jnp.issubdtype(kind, jax.dtypes.prng_key) and shape == ()) or (kind == np.uint32 and shape == (2,))):
-        raise InputError(f"key of type {kind} and shape {shape}: expected one key, such as jax.random.key(0)")
 
 
 def whole_number(name: str, seconds: float, part: float) -> int:

@@ -1,4 +1,4 @@
-"""Sensors: orientation and spin of struts, lengths and tensions of cables, contact, place, positions of motors.
+"""Sensors: orientation and spin of struts and bodies, lengths and tensions of cables, contact, place, motors.
 
 Sensors err: constant bias, random noise, a reading only every few control periods, and delay.
 """
@@ -15,21 +15,23 @@ from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, inverse, length, scale
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.core.types import AnyArray, Edges, NodeVectors, Scalar
 from jaxgrity.model.actuation import contraction
 from jaxgrity.model.pulleys import path_lengths
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Structure
 from jaxgrity.stepping.dynamics import centre_of_mass, member_tensions
 
 
 class Observation(NamedTuple):
     """The sensors' readings of one robot."""
 
-    directions: Float[AnyArray, "struts 3"]
-    """unit vectors along the struts, from the second end to the first, in the coordinates of the ground"""
-    spins: Float[AnyArray, "struts 3"]
-    """rad/s, angular velocity of each strut, none about itself; with complementarity stepping half a step earlier"""
+    directions: Float[AnyArray, "turning 3"]
+    """unit vectors along the struts, from the second end to the first, in the coordinates of the ground; then of each
+    rigid body, from its second basic point to its first, and from the third where there is one"""
+    spins: Float[AnyArray, "turning 3"]
+    """rad/s, angular velocity of each direction, not about itself; by complementarity stepping half a step earlier"""
     cable_lengths: Float[AnyArray, " cables"]
     """m; beside pulleys with half of each arc"""
     tensions: Float[AnyArray, " cables"]
@@ -105,15 +107,15 @@ class Sensors(eqx.Module):
 def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observation:
     """The readings of sensors without errors at time t, s, at `q`, m, with velocities `v`, m/s.
 
-    A strut along d = x_i - x_j spins by d × (v_i - v_j)/|d|². A cable pulls by its law: K max(0, l - L(t)), a table
-    of forces, a limit, one tension in a cluster. A node touches the ground where phi < `Ground.touched_below`.
-    Contractions are those of the scene's gait.
+    A strut along d = x_i - x_j spins by d × (v_i - v_j)/|d|², and so do bodies. A cable pulls by its law:
+    K max(0, l - L(t)), a table of forces, a limit, one tension in a cluster. A node touches the ground where
+    phi < `Ground.touched_below`. Contractions are those of the scene's gait.
     """
     nothing: AnyArray = jnp.zeros((0, 3), q.dtype)
     directions, spins, lengths, tensions = nothing, nothing, nothing[:, 0], nothing[:, 0]
     contact: AnyArray = jnp.zeros_like(q[:, 0])
-    if scene.structure.struts is not None:
-        d, rate = (edge_vectors(x, scene.structure.struts.edges) for x in (q, v))
+    if turning := _turning(scene.structure):
+        d, rate = (edge_vectors(x, turning) for x in (q, v))
         each = inverse(length(d))
         directions = scale(d, each)
         spins = jnp.cross(directions, scale(rate, each))
@@ -125,6 +127,12 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
         contact = (scene.ground.signed_distance(q) < scene.ground.touched_below * length_scale(scene)).astype(q.dtype)
     shortened = nothing[:, 0] if scene.gait is None else contraction(scene.gait, t)
     return Observation(directions, spins, lengths, tensions, contact, centre_of_mass(scene, q), shortened)
+
+
+def _turning(structure: Structure) -> Edges:
+    """The pairs of nodes whose direction sensors measure: ends of struts, and basic points of bodies."""
+    struts = () if structure.struts is None else structure.struts.edges
+    return (*struts, *((body.basic[0], other) for body in structure.bodies for other in body.basic[1:3]))
 
 
 @typed

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_key
 from jaxgrity.core.errors import InputError, unknown
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
@@ -150,8 +151,10 @@ def task_start(task: Task, scene: Scene, key: Any) -> State:
     """A start, q and v, drawn by `key`, in a random orientation: at rest just above the ground, or falling from the
     air.
 
-    A robot with supports starts as it is posed. The same key draws the same start in every precision.
+    A robot with supports starts as it is posed. The same key draws the same start in every precision. Raises
+    `InputError` if `key` is no random key.
     """
+    check_key(key)
     turns, heights, speeds, spins = jax.random.split(key, 4)
     q = jnp.asarray(scene.structure.nodes)
     if scene.structure.fixed:

@@ -96,6 +96,14 @@ def check_unit_vector(where: str, value: Any) -> None:
         raise InputError(f"{where} = {value.tolist()}: {np.linalg.norm(value):.6g} long; expected a unit vector")
 
 
+def check_key(key: Any) -> None:
+    """One random key; else `InputError`."""
+    kind, shape = getattr(key, "dtype", np.dtype(int)), np.shape(key)
+    made = jax.dtypes.issubdtype(kind, jax.dtypes.prng_key)
+    if not ((made and shape == ()) or (kind == np.uint32 and shape == (2,))):
+        raise InputError(f"key of type {kind} and shape {shape}: expected one key, such as jax.random.key(0)")
+
+
 def as_table(where: str, rows: Any) -> np.ndarray:
     """Rows of numbers, all of one length; else `InputError`."""
     try:

@@ -102,12 +102,6 @@ class Thickened(Surface):
         return self.surface.height(x, y) + self.radius
 
 
-def refuse_balls(balls: Balls | None) -> None:
-    """Raises `InputError` where a start has to be found with nodes alone."""
-    if balls is not None:
-        raise InputError("ground.balls: no start is found with them on this ground; expected a pose that stands on it")
-
-
 def touching_velocities(ground: Any, bodies: Bodies, q: NodeVectors, v: NodeVectors) -> NodeVectors:
     """Velocities at q of what touches the `ground` at each node, m/s: of the points at which balls touch it."""
     return v if ground.balls is None else v + _spun(ground, bodies, q, v)

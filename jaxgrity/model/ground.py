@@ -10,12 +10,12 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike
 
-from jaxgrity.core.arguments import check_all_finite, check_each
+from jaxgrity.core.arguments import as_table, check_all_finite, check_each, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, component, half_squares, inner, ones, positive_part
 from jaxgrity.core.tracing import as_incline
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, Vector, as_float, as_float_or_none
-from jaxgrity.model.balls import Balls, refuse_balls
+from jaxgrity.model.balls import Balls
 from jaxgrity.model.capsules import Capsules, and_of_struts
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, Law, Motion, node_names
 from jaxgrity.model.placing import above, check_placed, down, held_directions
@@ -111,23 +111,23 @@ class Ground(eqx.Module):
         `depth`, m.
 
         `size` is the body's `length_scale`. At an edge, where normals push it to and fro, the body moves up or down.
-        Raises `InputError` if that does not help.
+        Raises `InputError` if that does not help, and for positions and depths that are no numbers.
         """
-        moved, ended = down(np.asarray(q, float), depth, LARGEST_GAP / 10 * size, self.measured, self.surface is None)
+        q, depth = as_table("q", q), check_number("depth", depth, unit="m")
+        moved, ended = down(q, depth, LARGEST_GAP / 10 * size, self.measured, self.surface is None)
         if not ended:
             with jax.enable_x64(True):
-                moved = np.asarray(self.set_above(jax.numpy.asarray(q, float), -depth))
+                moved = np.asarray(self.set_above(jax.numpy.asarray(q), -depth))
             check_placed(self.measured(moved).distance, depth, size)
         return moved
 
     def set_above(
         self, q: NodeVectors, distance: Scalar, beside: Callable[[NodeVectors], AnyArray] | None = None
     ) -> NodeVectors:
-        """Positions q moved up or down until the nearest node has `distance` from the ground, m. JAX can trace it.
+        """Positions q moved up or down until the nearest node or ball has `distance` (m) from the ground; traceable.
 
         `beside` is a function of positions. Its distances, m, count like those of nodes.
         """
-        refuse_balls(self.balls)
         return above(q, distance, self, beside)
 
     def keeps(self, symmetry) -> bool:

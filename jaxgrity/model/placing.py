@@ -44,13 +44,14 @@ def above(
 ) -> NodeVectors:
     """The nodes moved up or down until the nearest one is at a `distance` (m) from the ground.
 
-    The distances of `beside`, m, count like those of nodes. No node is below the highest point of the ground under it,
-    so that none starts inside a solid or below a roof; of a negative distance they are as deep in it. Where there is no
-    ground below any node, they keep their height.
+    With balls, their distances count, and no node's. The distances of `beside`, m, count too. No node is below the
+    highest point of the ground under it, so that none starts inside a solid or below a roof; of a negative distance
+    they are as deep in it. Where there is no ground below any node, they keep their height.
     """
     surface = Slope(ground.incline) if ground.surface is None else ground.surface
     x, y, z = coordinates(ground.relative(q))
-    lowest = jnp.max(surface.height(x, y) - z)
+    over = z - surface.height(x, y)
+    lowest = -jnp.min(over if ground.balls is None else ground.balls.gaps(over))
     below = jnp.isfinite(lowest)
     lowest = jnp.where(below, lowest, 0).astype(q.dtype)
     distance = jnp.asarray(distance, q.dtype)
@@ -58,7 +59,7 @@ def above(
 
     def near(lift: Scalar) -> AnyArray:
         there = q + lift * up
-        nearest = jnp.min(surface.signed_distance(ground.relative(there)))
+        nearest = jnp.min(ground.signed_distance(there))
         return (nearest if beside is None else jnp.minimum(nearest, jnp.min(beside(there)))) < distance
 
     def apart(_, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:

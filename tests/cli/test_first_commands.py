@@ -10,7 +10,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from compile_meter import Counter
+from measurements.compile_meter import Counter
 from small_scenes import swept
 
 from jaxgrity import (

@@ -7,11 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import jaxgrity
 from jaxgrity import Gait, InputError, SolverOptions, control
 from jaxgrity.control import Errors, MotorLimits, Observation, OpenLoop, PhaseLocked, Sensors, Steered, centre_offsets
 from jaxgrity.control.closed_loop import taken_over
+from jaxgrity.structures import quadruped, superball
 
 TEN_MS = SolverOptions(dt=0.01)
 measure = eqx.filter_jit(control.measure)
@@ -383,6 +385,26 @@ def test_errors_respect_what_readings_are():
         np.testing.assert_allclose(np.linalg.norm(one.directions, axis=1), 1)
         assert one.tensions.min() == 0
     assert np.ptp([one.directions[0, 0] for one in noisy]) > 0.1
+
+
+@pytest.mark.parametrize("make", [quadruped, superball])
+def test_sensors_tell_how_bodies_are_turned_and_turn(make):
+    """Two directions of each: what they say of a turned robot gives the turn, and their spins its angular velocity."""
+    built = make()
+    structure = jaxgrity.Structure(built.nodes, np.zeros(len(built.nodes)), bodies=built.bodies)
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    w = np.array([0.3, -2.0, 1.1])
+    built = measure(jaxgrity.Scene(structure), 0.0, structure.nodes, np.zeros_like(structure.nodes))
+    q = structure.nodes @ turn.T
+    seen = measure(jaxgrity.Scene(structure), 0.0, q, np.cross(w, q))
+    struts = 0 if structure.struts is None else len(structure.struts.edges)
+    assert seen.directions.shape == seen.spins.shape == (struts + 2 * len(structure.bodies), 3)
+    np.testing.assert_allclose(seen.directions, built.directions @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(seen.directions, axis=1), 1, rtol=1e-12)
+    own = np.einsum("ki,i,kj->kj", seen.directions, w, seen.directions)
+    np.testing.assert_allclose(seen.spins, w - own, atol=1e-12)
+    a, b = seen.directions[struts:].reshape(-1, 2, 3).transpose(1, 0, 2)
+    assert np.all(np.linalg.norm(np.cross(a, b), axis=1) > 0.1)
 
 
 def test_what_sensors_say_without_error(plant, rolled):

@@ -316,5 +316,10 @@ def test_bad_input_is_refused(scene):
     for key in (0, jnp.zeros(2), jax.random.split(jax.random.key(0), 4)):
         with pytest.raises(InputError, match=r"key of type .*: expected one key"):
             env.reset(key)
+        with pytest.raises(InputError, match=r"key of type .*: expected one key"):
+            control.task_start(env.task, scene, key)
+    states = jax.eval_shape(jax.vmap(env.reset), jax.random.split(jax.random.key(0), 4))
+    with pytest.raises(InputError, match=r"over, keys: shapes \(\) and \(4,\); expected one of each"):
+        env.reset_where(np.ones((), bool), states, jax.random.split(jax.random.key(0), 4))
     with pytest.raises(InputError, match=r"action has shape \(\); expected \(6,\)"):
         env.step(jax.eval_shape(env.reset, jax.random.key(0)), np.zeros(()))

@@ -212,6 +212,10 @@ def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(sc
             "arena = (-3.0, -5.0, nan, 5.0): expected four",
         ),
         (
+            lambda scene: control.way_map(NOTHING, np.zeros(2), (-1e5, -1e5, 1e5, 1e5)),
+            "a grid of 2000001 times 2000001 points 0.1 m apart; expected at most 1,000,000",
+        ),
+        (
             lambda scene: control.way_map(NOTHING, np.zeros(2), ARENA, comfort=np.nan),
             "reach, comfort, spacing = 0.6, nan, 0.1 m: expected positive numbers",
         ),

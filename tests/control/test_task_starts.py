@@ -9,6 +9,7 @@ import pytest
 
 import jaxgrity
 from jaxgrity import Box, InputError, SolverOptions, Stairs, Union, control
+from jaxgrity.model.balls import Balls
 from jaxgrity.model.surface import Slope
 
 WANTED = 0.02
@@ -40,16 +41,30 @@ def to_block(q):
     return np.minimum(q[..., 2], to_box(q, np.array([0.3, 0.2, 0.15]), (0.3, 0.4, 0.5)))
 
 
+GROUNDS = [
+    ({"incline": 0.2}, to_plane(0.2)),
+    ({"incline": 0.5}, to_plane(0.5)),
+    ({"surface": Stairs(0.3, 1.0, 1, start=-0.1)}, to_step),
+    ({"surface": Union((Slope(), Box([0.3, 0.2, 0.15], [0.3, 0.4, 0.5])))}, to_block),
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("ground", "distance"),
-    [
-        ({"incline": 0.2}, to_plane(0.2)),
-        ({"incline": 0.5}, to_plane(0.5)),
-        ({"surface": Stairs(0.3, 1.0, 1, start=-0.1)}, to_step),
-        ({"surface": Union((Slope(), Box([0.3, 0.2, 0.15], [0.3, 0.4, 0.5])))}, to_block),
-    ],
-)
+@pytest.mark.parametrize(("ground", "distance"), GROUNDS)
+@pytest.mark.parametrize("name", ["exact", "reference"])
+def test_balls_start_as_far_above_any_ground_as_the_task_says(ground, distance, name):
+    """Their surfaces: nodes without one may be below the ground, which they pass."""
+    scene, task = jaxgrity.load_scene(name), control.TASKS["heading"]
+    nodes, radius = (0, 3, 4, 7, 10), np.array([0.05, 0.1, 0.05, 0.2, 0.0])
+    scene = replace(scene, ground=replace(scene.ground, balls=Balls(nodes, radius), **ground))
+    starts = jax.jit(jax.vmap(lambda key: control.task_start(task, scene, key)[0]))
+    q = np.asarray(starts(jax.random.split(jax.random.key(0), 50)))
+    np.testing.assert_allclose((distance(q)[:, nodes] - radius).min(1), WANTED, atol=1e-8)
+    assert np.any(distance(q).min(1) < 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("ground", "distance"), GROUNDS)
 def test_robots_start_as_far_above_any_ground_as_the_task_says(ground, distance, scene):
     """By distances of the test's own, however the robot is turned."""
     env = control.environment("heading", replace(scene, ground=replace(scene.ground, **ground)))

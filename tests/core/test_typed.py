@@ -46,6 +46,19 @@ def test_every_public_function_looks_at_the_kinds_of_its_arguments(function, nam
     assert "\n" not in str(refused.value)
 
 
+def test_parts_of_whole_numbers_are_refused():
+    """Before they are a raw error of what counts with them."""
+
+    @typed
+    def counted(seed: int, share: int | float = 0) -> int:
+        return int(seed)
+
+    assert counted(3, 0.5) == counted(np.int64(3)) == 3
+    for seed in (0.5, np.float64(0.5), np.nan, np.inf):
+        with pytest.raises(InputError, match=r"counted: seed is .*; expected a whole number"):
+            counted(seed)
+
+
 @pytest.fixture(scope="module")
 def scene():
     return load_scene("reference")

@@ -6,11 +6,10 @@ import re
 import shutil
 from pathlib import Path
 
-import keep_gait
 import numpy as np
 import pytest
-import update_docs
-from pages import filled, laid_out, rounded, save_compact, table
+from measurements import keep_gait, update_docs
+from measurements.pages import filled, laid_out, rounded, save_compact, table
 
 from jaxgrity import InputError, SearchConfig, gait_record, load_gait
 from jaxgrity.cli.settings import UncertaintySettings

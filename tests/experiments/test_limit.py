@@ -2,9 +2,9 @@
 
 import shutil
 
-import limit
 import numpy as np
 import pytest
+from measurements import limit
 
 from jaxgrity import SolverOptions, gaits_of, load_scene, random_phases, simulate_population
 

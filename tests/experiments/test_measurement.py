@@ -3,13 +3,11 @@
 import json
 from typing import Literal
 
-from measurement import measurement
-
 import pytest
-import registry
 import tyro
-import update_docs
-from pages import columns
+from measurements import registry, update_docs
+from measurements.measurement import measurement
+from measurements.pages import columns
 
 
 def example():
@@ -93,7 +91,7 @@ def test_every_measurement_has_a_table_and_names_its_page():
     """The registry knows each by the name of its script."""
     found = registry.measurements()
     assert {"stiff", "validate", "third_opinions"} <= set(found)
-    docs = registry.HERE.parents[1] / "docs"
+    docs = registry.EXPERIMENTS.parent / "docs"
     for name, each in ((name, one) for one in found.values() for name in one.names):
         record = json.loads((docs / "measured" / f"{name}.json").read_text())
         for part, table in each.tables.items():

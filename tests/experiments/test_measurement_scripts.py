@@ -16,34 +16,27 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import library_gaits
 import numpy as np
 import pytest
-import registry
-import scaling
-import stability
+import run as launcher
 import tyro
+from measurements import registry, scaling
+from studies import library_gaits, stability
 
 import jaxgrity
 from jaxgrity import InputError
 from jaxgrity.cli.search import SearchSettings
 
 EXPERIMENTS = Path(__file__).parents[2] / "experiments"
-SCRIPTS = sorted(
-    path.relative_to(EXPERIMENTS)
-    for folder in ("", "docs_tables", "measurements", "studies")
-    for path in (EXPERIMENTS / folder).glob("*.py")
-    if re.search(r"\n    (run\(main, Settings\)|\w+\.run\(\))", path.read_text(encoding="utf-8"))
-)
 
 
 def command(script: str) -> Any:
-    """What a script runs: its measurement, or itself, with a function `main` and a class `Settings`."""
-    return registry.measurements().get(script) or importlib.import_module(script)
+    """What a script runs, with a function `main` and a class `Settings`."""
+    return importlib.import_module(script) if script == "paper" else registry.loaded(script)
 
 
 def run(script: str, *arguments: object, **environment: str) -> subprocess.CompletedProcess:
-    command = [sys.executable, str(EXPERIMENTS / script), *map(str, arguments)]
+    command = [sys.executable, str(EXPERIMENTS / "run.py"), script, *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, env=os.environ | environment)
 
 
@@ -53,7 +46,7 @@ def quick(script: str, out: Path, *arguments: object) -> dict:
     assert done.returncode == 0, done.stderr[-2000:]
     (first, *_) = out.glob("*.json")
     assert all(path.stat().st_size > 5000 for path in out.glob("*.png"))
-    assert list(out.glob("*.png")) or getattr(command(Path(script).stem), "draw", None) is None
+    assert list(out.glob("*.png")) or getattr(command(script), "draw", None) is None
     facts = json.loads(first.read_text())
     assert facts["command"].startswith("python")
     assert str(out) not in first.read_text()
@@ -66,14 +59,14 @@ def words(name: str, record: dict) -> str:
     return found.all_words(found.quoted(record))
 
 
-@pytest.mark.parametrize("script", SCRIPTS, ids=str)
+@pytest.mark.parametrize("script", [*registry.scripts(), "paper"])
 def test_help_comes_from_the_settings(script, capsys):
     """Every script explains itself, and every measurement has a --quick size."""
     with pytest.raises(SystemExit, match="0"):
-        tyro.cli(command(script.stem).Settings, args=["--help"])
+        tyro.cli(command(script).Settings, args=["--help"])
     said = capsys.readouterr().out
     assert "--help" in said
-    assert "--quick" in said or script.stem not in registry.measurements()
+    assert "--quick" in said or script not in registry.measurements()
 
 
 @pytest.mark.parametrize("name", jaxgrity.gait_names())
@@ -132,10 +125,27 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, script, arguments, words):
     assert not list(tmp_path.iterdir())
 
 
+def test_scripts_are_listed_and_misspelt_ones_refused(monkeypatch, capsys):
+    """Each with what it says of itself; `make measure` runs measurements alone."""
+    monkeypatch.setattr(sys, "argv", ["run.py"])
+    launcher.main()
+    said = capsys.readouterr().out
+    assert all(re.search(rf"^{name} +[A-Z]", said, re.MULTILINE) for name in registry.scripts())
+    monkeypatch.setattr(sys, "argv", ["run.py", "--measured"])
+    launcher.main()
+    measured = capsys.readouterr().out.split()
+    assert "basin" in measured
+    assert not {"hard_cases", "update_docs", "benchmark"} & set(measured)
+    monkeypatch.setattr(sys, "argv", ["run.py", "bassin"])
+    with pytest.raises(SystemExit, match="2"):
+        launcher.main()
+    assert "perhaps you meant basin" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_a_refusal_ends_with_exit_code_2(tmp_path):
     """And its one line is all that is said."""
-    done = run("measurements/benchmark.py", "--mjx", "--out", tmp_path / "out")
+    done = run("benchmark", "--mjx", "--out", tmp_path / "out")
     assert done.returncode == 2
     (line,) = done.stderr.strip().splitlines()
     assert line.startswith("error: --mjx")
@@ -145,7 +155,7 @@ def test_a_refusal_ends_with_exit_code_2(tmp_path):
 @pytest.mark.campaign
 def test_error_bars_are_honest(tmp_path):
     """On both models, gaits that nothing was tuned on: nearly all covered, by bars of a few errors."""
-    facts = quick("studies/error_bars.py", tmp_path)
+    facts = quick("error_bars", tmp_path)
     assert [row["scene"] for row in facts["rows"]] == ["reference", "exact"]
     for row in facts["rows"]:
         assert row["covered"] >= 0.85
@@ -156,7 +166,7 @@ def test_error_bars_are_honest(tmp_path):
 @pytest.mark.campaign
 def test_the_models_tend_to_each_other(tmp_path):
     """A drop: penalty contact to exact contact, spring struts to rigid ones where nothing slips, at first order."""
-    facts = quick("studies/equivalence.py", tmp_path)
+    facts = quick("equivalence", tmp_path)
     laws = {row["grows"]: row for row in facts["rows"]}
     assert laws["k_n"]["slope"] == pytest.approx(-1, abs=0.15)
     assert laws["K, no friction"]["slope"] == pytest.approx(-1, abs=0.15)
@@ -167,7 +177,7 @@ def test_the_models_tend_to_each_other(tmp_path):
 @pytest.mark.campaign
 def test_implicit_methods_take_fewer_steps_on_stiff_scenes(tmp_path):
     """Than Tsit5, to the same tolerance: struts, ground and friction made stiff, alone and together."""
-    facts = quick("studies/stiff.py", tmp_path)
+    facts = quick("stiff", tmp_path)
     by_method = {m: [r for r in facts["rows"] if r["method"] == m] for m in ("tsit5", "kvaerno3", "kvaerno5")}
     for explicit, third, fifth in zip(*by_method.values()):
         assert explicit["outcome"] == third["outcome"] == fifth["outcome"] == "succeeded"
@@ -178,13 +188,13 @@ def test_implicit_methods_take_fewer_steps_on_stiff_scenes(tmp_path):
 
 def compiles_c() -> bool:
     """Whether the benchmarks have C programs to compare with."""
-    return importlib.import_module("limit").programs() is not None
+    return importlib.import_module("measurements.limit").programs() is not None
 
 
 @pytest.mark.campaign
 def test_benchmark_measures(tmp_path):
     """Without MuJoCo it measures what is here, and C where there is a compiler; the NumPy loop agrees."""
-    facts = quick("measurements/benchmark.py", tmp_path, "--gaits", 8, "--duration", 0.8)
+    facts = quick("benchmark", tmp_path, "--gaits", 8, "--duration", 0.8)
     measured = {(p["engine"], p["dtype"]) for p in facts["points"]}
     own = {(engine, dtype) for engine in ("rk4", "complementarity") for dtype in ("float32", "float64")}
     assert own <= measured
@@ -196,7 +206,7 @@ def test_benchmark_measures(tmp_path):
 @pytest.mark.campaign
 def test_the_bench_prints_a_table(tmp_path):
     """One row for each method, precision and population, with what it would need to be compared."""
-    facts = quick("measurements/bench.py", tmp_path, "--gaits", 2, 4, "--duration", 0.8)
+    facts = quick("bench", tmp_path, "--gaits", 2, 4, "--duration", 0.8)
     assert facts["processor"]
     rows = {(row["engine"], row["dtype"], row["gaits"]): row for row in facts["rows"]}
     for engine in ("rk4", "complementarity"):
@@ -210,7 +220,7 @@ def test_the_bench_prints_a_table(tmp_path):
 
 def test_random_structures_among_the_hard_cases_are_the_first_small_ones():
     """Not picked by what becomes of them."""
-    cases = importlib.import_module("cases")
+    cases = importlib.import_module("studies.cases")
     small = (seed for seed in itertools.count() if len(cases.random_scene(seed).structure.struts.edges) <= 12)
     assert tuple(itertools.islice(small, 10)) == cases.RANDOM
 
@@ -218,7 +228,7 @@ def test_random_structures_among_the_hard_cases_are_the_first_small_ones():
 @pytest.mark.campaign
 def test_hard_cases_have_no_silently_wrong_number(tmp_path):
     """Three cases by three methods, in both precisions; one of them is refused with the reason."""
-    facts = quick("studies/hard_cases.py", tmp_path)
+    facts = quick("hard_cases", tmp_path)
     assert facts["counts"]["WRONG"] == 0
     assert facts["counts"]["right"] >= 4
     below = facts["rows"][0]
@@ -233,7 +243,7 @@ def test_hard_cases_have_no_silently_wrong_number(tmp_path):
 @pytest.mark.campaign
 def test_work_precision_compares_methods(tmp_path):
     """Free flight, RK4 and complementarity: errors fall with the step, and both have a cost at 5 mm."""
-    facts = quick("measurements/work_precision.py", tmp_path, "--gaits", 8, "--repeats", 1)
+    facts = quick("work_precision", tmp_path, "--gaits", 8, "--repeats", 1)
     errors = [row["error"] for row in facts["rows"] if row["method"] == "rk4"]
     assert all(fine < coarse for coarse, fine in itertools.pairwise(errors) if coarse > 1e-10)
     assert set(facts["cost_at_target"]) == {"rk4 float64", "complementarity float64"}
@@ -243,7 +253,7 @@ def test_work_precision_compares_methods(tmp_path):
 @pytest.mark.campaign
 def test_gradients_agree(tmp_path):
     """Every mode gives the same gradient, and a checkpointed one keeps less."""
-    facts = quick("measurements/gradients.py", tmp_path)
+    facts = quick("gradients", tmp_path)
     assert len({row["mode"] for row in facts["rows"]}) == 5
     assert all(row["difference"] < 1e-8 for row in facts["rows"])
     kept = facts["memory"]
@@ -254,7 +264,7 @@ def test_gradients_agree(tmp_path):
 @pytest.mark.campaign
 def test_scaling_measures(tmp_path):
     """Devices, gaits, struts and single rollouts have a cost, and pages can be written of it."""
-    facts = quick("measurements/scaling.py", tmp_path)
+    facts = quick("scaling", tmp_path)
     assert [row["devices"] for row in facts["devices"]][:1] == [1]
     assert all(row["per_gait_and_step"] > 0 for row in facts["population"] + facts["struts"])
     told = words("scaling", facts)
@@ -285,7 +295,7 @@ def test_the_largest_steps_of_known_scenes_have_a_reason():
 def test_damage_is_survived(tmp_path):
     """The intact robot and two cases of damage, quick: every way to a gait has its speed on both contact models, and a
     row in the docs. A stuck strut is no matter to a gait of cables, so the library's recovers that case."""
-    facts = quick("measurements/damage.py", tmp_path)
+    facts = quick("damage", tmp_path)
     assert set(facts["damaged"]) == {"cable 7", "strut 1"}
     for robot in (facts["intact"], *facts["damaged"].values()):
         assert set(robot) == {"as it was", "library", "wave", "free", "cables, scaled"}
@@ -304,7 +314,7 @@ def test_damage_is_survived(tmp_path):
 @pytest.mark.campaign
 def test_nothing_is_lost_in_a_crash(tmp_path):
     """A search that is killed, and resumed, ends with the population of one that was not; no file is broken."""
-    done = run("studies/crash_recovery.py", "--quick", "--out", tmp_path)
+    done = run("crash_recovery", "--quick", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     facts = json.loads((tmp_path / "crash_recovery.json").read_text())
     (row,) = facts["rows"]
@@ -317,7 +327,7 @@ def test_nothing_is_lost_in_a_crash(tmp_path):
 @pytest.mark.campaign
 def test_ranges_are_drawn_again(tmp_path):
     """Nine statistics of two gaits on exact contact, and the words that are made of them."""
-    facts = quick("studies/redraws.py", tmp_path / "redraws")
+    facts = quick("redraws", tmp_path / "redraws")
     assert len(facts["rows"]) == 9
     assert all(0 <= row["covered"] <= 1 for row in facts["rows"])
     assert "| mean speed of straight | 95 % |" in words("redraws", facts)
@@ -326,19 +336,19 @@ def test_ranges_are_drawn_again(tmp_path):
 @pytest.mark.campaign
 def test_the_lasting_gait_is_followed_from_drops_and_on_other_robots(tmp_path):
     """Quick sizes: shares and times of what was dropped, and scans that are told as ranges."""
-    (row,) = quick("measurements/basin.py", tmp_path / "basin")["rows"]
+    (row,) = quick("basin", tmp_path / "basin")["rows"]
     assert row["speed"] > 0.5
     assert 0 <= row["rolling_after_15_s"] <= 1
     assert row["median_seconds_until"] <= 20.0
-    climbed = quick("measurements/climbing.py", tmp_path / "climbing")
+    climbed = quick("climbing", tmp_path / "climbing")
     (steep,) = (row for row in climbed["rows"] if row["slope"] == 15)
     assert min(steep["own"]) > 0.3
     assert f"| 15° | {steep['own'][0]:.2f} | " in words("climbing", climbed)
-    jumps = quick("measurements/jumps.py", tmp_path / "jumps")
+    jumps = quick("jumps", tmp_path / "jumps")
     (jump,) = jumps["rows"]
     assert jump["robust"]["mean"] > 0.01
     assert f"| 2 | {jump['robust']['mean']:.3f} (" in words("jumps", jumps)
-    scans = quick("measurements/ranges.py", tmp_path / "ranges")
+    scans = quick("ranges", tmp_path / "ranges")
     every = [one for row in scans["rows"] for one in row["scan"]]
     assert len(every) == 3 * len(scans["rows"])
     assert all(one["mean"] is None or one["slowest"] <= one["mean"] <= one["fastest"] for one in every)
@@ -347,24 +357,24 @@ def test_the_lasting_gait_is_followed_from_drops_and_on_other_robots(tmp_path):
 @pytest.mark.campaign
 def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     """Quick sizes: what the tables of docs/control.md are made of."""
-    facts = quick("measurements/feedback.py", tmp_path / "feedback", "--contact", "exact")
+    facts = quick("feedback", tmp_path / "feedback", "--contact", "exact")
     assert (tmp_path / "feedback" / "feedback_exact.html").exists()
     assert "| sensors 100 ms late |" in words("feedback", facts)
-    facts = quick("measurements/steering.py", tmp_path / "steering")
+    facts = quick("steering", tmp_path / "steering")
     assert (tmp_path / "steering" / "replay.html").exists()
     assert "| 0.1 | " in words("steering", facts)
-    facts = quick("measurements/transitions.py", tmp_path / "transitions")
+    facts = quick("transitions", tmp_path / "transitions")
     assert "| left | " in words("transitions", facts)
-    facts = quick("studies/sampling_ways.py", tmp_path / "sampling_ways")
+    facts = quick("sampling_ways", tmp_path / "sampling_ways")
     assert "| two rounds, 3 bends | 0 of 1 |" in words("sampling_ways", facts)
     for ground in ("slope", "bumps"):
         name = f"goals_{ground}"
-        facts = quick("measurements/goals.py", tmp_path / name, "--ground", ground)
+        facts = quick("goals", tmp_path / name, "--ground", ground)
         assert " of 1 |" in words("goals", facts)
-    facts = quick("measurements/environments.py", tmp_path / "environments")
+    facts = quick("environments", tmp_path / "environments")
     assert facts["rows"][0]["repeated"]
     assert "| heading | 800 | " in words("environments", facts)
-    facts = quick("studies/tune.py", tmp_path / "tune", "--what", "feedback")
+    facts = quick("tune", tmp_path / "tune", "--what", "feedback")
     assert "| found by this run |" in words("tune", facts)
     judged = {row["name"]: row for row in facts["judged"]}
     assert judged["found by this run"]["numbers"][4:] == judged["default"]["numbers"][4:] == [0.0] * 4 + [1.0] * 2
@@ -373,13 +383,13 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
 @pytest.mark.campaign
 def test_orbits_are_followed_gaits_polished_and_a_repertoire_filled(tmp_path):
     """Quick sizes: what the tables of docs/gait_records.md about them are made of."""
-    facts = quick("measurements/continuation.py", tmp_path / "continuation")
+    facts = quick("continuation", tmp_path / "continuation")
     assert "| friction | 0.90 times, no further tried | 1.00 times" in words("continuation", facts)
-    facts = quick("studies/polish_comparison.py", tmp_path / "polish")
+    facts = quick("polish_comparison", tmp_path / "polish")
     assert [row["way"] for row in facts["rows"]] == ["search runs on", "search with overtones", "smoothed", "orbit"]
     assert "| search with overtones |" in words("polish_comparison", facts)
     assert all(row["spent"] <= facts["rollouts"] for row in facts["rows"])
-    facts = quick("measurements/repertoire.py", tmp_path / "repertoire")
+    facts = quick("repertoire", tmp_path / "repertoire")
     assert 0 < facts["filled"] < facts["cells"]
     assert re.search(r"\| straight(, a mirror image)? \| \d of \d+ \|", words("repertoire", facts))
 
@@ -387,7 +397,7 @@ def test_orbits_are_followed_gaits_polished_and_a_repertoire_filled(tmp_path):
 @pytest.mark.campaign
 def test_multipliers_are_told_of_an_orbit_that_attracts_and_of_one_that_strays(tmp_path):
     """Quick size: neutral ones are 1 on both; what is left of a small disturbance tells the two apart."""
-    facts = quick("studies/multipliers.py", tmp_path)
+    facts = quick("multipliers", tmp_path)
     straight, first = facts["rows"]
     assert max(straight["neutral_off"], first["neutral_off"]) < 1e-8
     assert straight["derivative"][1] < 0.2
@@ -400,15 +410,15 @@ def test_multipliers_are_told_of_an_orbit_that_attracts_and_of_one_that_strays(t
 @pytest.mark.campaign
 def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path):
     """Quick sizes, in which nothing arrives; a robot that did not arrive never counts as one that did."""
-    facts = quick("measurements/obstacles.py", tmp_path / "obstacles")
+    facts = quick("obstacles", tmp_path / "obstacles")
     assert not any(row[way]["reached"] for row in facts["rows"] for way in ("planned", "blind"))
     assert "| round obstacles, by the plan | 0 of 2 | 0 | 2 |" in words("obstacles", facts)
     assert (tmp_path / "obstacles" / "replay.html").exists()
-    facts = quick("measurements/scene_field.py", tmp_path / "scene_field")
+    facts = quick("scene_field", tmp_path / "scene_field")
     assert "| goal reached, nothing touched | 0 of 2 |" in words("scene_field", facts)
-    facts = quick("studies/predictive_speed.py", tmp_path / "predictive_speed")
+    facts = quick("predictive_speed", tmp_path / "predictive_speed")
     assert "| 8 | " in words("predictive_speed", facts)
-    facts = quick("studies/tune.py", tmp_path / "tune", "--what", "on bumps")
+    facts = quick("tune", tmp_path / "tune", "--what", "on bumps")
     assert "| `sure_footed` |" in words("tune", facts)
     found = next(row for row in facts["judged"] if row["name"] == "found by this run")
     assert found["numbers"] != facts["judged"][0]["numbers"]
@@ -417,12 +427,12 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
 @pytest.mark.campaign
 def test_robots_are_designed(tmp_path):
     """Quick size: what the table of docs/gait_records.md about it is made of; limits are kept."""
-    facts = quick("studies/design_study.py", tmp_path)
+    facts = quick("design_study", tmp_path)
     assert [row["kind"] for row in facts["rows"]] == ["gait alone", "robot and gait"]
     assert all(row["peak_power"] <= 160 and row["strut_force"] <= facts["limits"][0] for row in facts["rows"])
     assert "| robot and gait | 160 W | **" in words("design_study", facts)
     study = tmp_path / "design_study.json"
-    climbed = quick("studies/design_gradient.py", tmp_path / "climbs", "--study", study)
+    climbed = quick("design_gradient", tmp_path / "climbs", "--study", study)
     (row,) = climbed["rows"]
     assert row["power"] == 160
     assert row["kept"] <= row["steps"] <= 4
@@ -432,7 +442,7 @@ def test_robots_are_designed(tmp_path):
 @pytest.mark.campaign
 def test_damping_of_the_spine_is_not_told(tmp_path):
     """Quick size: what the table of docs/validation.md about it is made of."""
-    facts = quick("measurements/spine_dynamics.py", tmp_path)
+    facts = quick("spine_dynamics", tmp_path)
     assert facts["ratios"] == facts["tried"]
     assert "| damping ratios that cannot be told apart | 0.01 to 1 |" in words("spine_dynamics", facts)
 
@@ -440,7 +450,7 @@ def test_damping_of_the_spine_is_not_told(tmp_path):
 @pytest.mark.campaign
 def test_speeds_are_foretold(tmp_path):
     """Quick size: what the tables of docs/identification.md are made of."""
-    told = words("sim_to_real", quick("measurements/sim_to_real.py", tmp_path))
+    told = words("sim_to_real", quick("sim_to_real", tmp_path))
     assert "| after identification | " in told
     assert "| before | `structure.cables.stiffness` | 10.0% |" in told
 
@@ -449,21 +459,21 @@ def test_speeds_are_foretold(tmp_path):
 def test_baselines_of_tasks_need_evosax_and_leave_a_table(tmp_path):
     """With it the quick size makes a table; without it there is one clear line, and known rows can still be kept."""
     known = EXPERIMENTS.parent / "docs" / "measured" / "task_baselines.json"
-    kept = quick("studies/task_baselines.py", tmp_path / "kept", "--earlier", known)["rows"]
+    kept = quick("task_baselines", tmp_path / "kept", "--earlier", known)["rows"]
     assert kept[0]["progress"]["PPO"] > 0 > kept[0]["progress"]["open loop"]
     if importlib.util.find_spec("evosax") is None:
-        done = run("studies/task_baselines.py", "--quick", "--out", tmp_path)
+        done = run("task_baselines", "--quick", "--out", tmp_path)
         assert done.returncode == 2
         assert "needs evosax" in done.stderr
         return
-    facts = quick("studies/task_baselines.py", tmp_path)
+    facts = quick("task_baselines", tmp_path)
     assert "| heading | " in words("task_baselines", facts)
 
 
 @pytest.mark.campaign
 def test_gradients_through_the_motion_are_compared_with_ppo(tmp_path):
     """Quick size: both methods learn for a moment, and only one of them has gradients through the motion."""
-    facts = quick("studies/short_horizon.py", tmp_path)
+    facts = quick("short_horizon", tmp_path)
     ppo, shac = facts["rows"]
     assert ppo["norms"] is None
     assert 0 < shac["norms"][0] <= shac["norms"][1] < np.inf
@@ -473,7 +483,7 @@ def test_gradients_through_the_motion_are_compared_with_ppo(tmp_path):
 @pytest.mark.campaign
 def test_frames_of_observations_are_compared(tmp_path):
     """Quick size: a row for each frame."""
-    facts = quick("studies/turned_frame.py", tmp_path)
+    facts = quick("turned_frame", tmp_path)
     assert "| wanted direction | 0 | " in words("turned_frame", facts)
 
 
@@ -481,9 +491,9 @@ def test_frames_of_observations_are_compared(tmp_path):
 def test_learning_by_brax_needs_brax_and_leaves_a_table(tmp_path):
     """With it the quick size makes a table; without it there is one clear line."""
     if importlib.util.find_spec("brax") is None:
-        done = run("studies/brax_ppo.py", "--quick", "--out", tmp_path)
+        done = run("brax_ppo", "--quick", "--out", tmp_path)
         assert done.returncode == 2
         assert "Brax is not installed" in done.stderr
         return
-    facts = quick("studies/brax_ppo.py", tmp_path)
+    facts = quick("brax_ppo", tmp_path)
     assert "| goal | 0 | " in words("brax_ppo", facts)

@@ -11,7 +11,7 @@ from jaxgrity import Scene, SolverOptions, gaits_of, random_phases, simulate_pop
 def test_free_flight_agrees_with_mujoco(reference):
     """Two engines, one set of springs: every node within 2e-5 m after 1 s, with the gait in full swing."""
     pytest.importorskip("mujoco")
-    from mujoco_peer import roll
+    from measurements.mujoco_peer import roll
 
     gait = eqx.tree_at(lambda g: (g.start, g.amplitude), reference.gait, (np.asarray(0.0), np.full(6, 0.1)))
     mass = np.linspace(0.3, 0.7, 12)

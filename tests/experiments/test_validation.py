@@ -5,9 +5,8 @@ import shutil
 import jax
 import numpy as np
 import pytest
-import spine_dynamics
-import spine_tables
-from spine_robot import FOLDER, commanded, load_spine, pose, resting_shapes, rms
+from measurements import spine_dynamics, spine_tables
+from measurements.spine_robot import FOLDER, commanded, load_spine, pose, resting_shapes, rms
 
 from jaxgrity import InputError
 from jaxgrity.statics import resting_shape

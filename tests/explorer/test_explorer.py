@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 from browser import is_red, screenshot, start_browser, wait_for
-from explorer_session import session
+from studies.explorer_session import session
 
 import jaxgrity
 from jaxgrity.explorer import tasks

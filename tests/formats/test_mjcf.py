@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import numpy as np
 import pytest
-from conformance import (
+from measurements.conformance import (
     FLYING,
     RESTING_KINDS,
     RODS_WITH_MASS,
@@ -39,7 +39,7 @@ from jaxgrity.statics import settled
 from jaxgrity.structures import random_tensegrity
 
 mujoco = pytest.importorskip("mujoco")
-run_once = pytest.importorskip("mujoco_peer").run_once
+run_once = pytest.importorskip("measurements.mujoco_peer").run_once
 
 KINDS = [table.__struct_config__.tag for table in get_args(CatalogueTable)]
 JOINED = ("d_bar", "t_bar", "grid")

@@ -4,14 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conformance import by_both
+from measurements.conformance import by_both
 
 from jaxgrity import InputError, Members, Scene, SolverOptions, Structure, edge_lengths, parse_scene, simulate
 from jaxgrity.formats import mujoco_model, read_mjcf, save_mjcf
 from jaxgrity.model import body_moments, rigid_body
 
 mujoco = pytest.importorskip("mujoco")
-run_once = pytest.importorskip("mujoco_peer").run_once
+run_once = pytest.importorskip("measurements.mujoco_peer").run_once
 
 SPIN = np.array([1.0, 2.0, 3.0])
 """rad/s, of the bodies that turn at the start"""

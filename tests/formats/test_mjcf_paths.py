@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from conformance import SPRINGS, by_both, flying
+from measurements.conformance import SPRINGS, by_both, flying
 
 from jaxgrity import InputError, SolverOptions, parse_scene, scene_text, simulate
 from jaxgrity.formats import mjcf_controls, mujoco_model, read_mjcf, save_mjcf

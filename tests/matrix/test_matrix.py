@@ -2,10 +2,10 @@
 
 import itertools
 
-import matrix
 import pytest
-from matrix_scenes import IMPOSSIBLE, KINDS, covering, pairs
-from matrix_uses import STILL, Case, tried
+from studies import matrix
+from studies.matrix_scenes import IMPOSSIBLE, KINDS, covering, pairs
+from studies.matrix_uses import STILL, Case, tried
 
 from jaxgrity import InputError
 

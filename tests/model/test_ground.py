@@ -56,6 +56,8 @@ def test_a_body_is_set_down_at_an_edge_where_normals_push_it_to_and_fro(exact):
         assert ground.measured(ground.set_down(nodes, depth)).distance.min() == pytest.approx(-depth, abs=1e-6)
     with pytest.raises(InputError, match=r"the lowest node cannot be set down .* expected finite nodes, and ground"):
         ground.set_down(np.nan * nodes, 0.0)
+    with pytest.raises(InputError, match="depth = nan m: expected a finite number"):
+        ground.set_down(nodes, np.nan)
 
 
 @pytest.mark.parametrize("distance", [0.02, -0.01])

@@ -4,9 +4,9 @@ import dataclasses
 import re
 from pathlib import Path
 
-import conformance_statics as known
 import numpy as np
 import pytest
+from measurements import conformance_loads as known
 
 import jaxgrity
 from jaxgrity import InputError, Members, Scene, Structure

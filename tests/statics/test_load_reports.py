@@ -6,10 +6,10 @@ import json
 import re
 from pathlib import Path
 
-import conformance_statics as known
 import jaxtyping
 import numpy as np
 import pytest
+from measurements import conformance_loads as known
 
 from jaxgrity import InputError, Members, Scene, Structure, describe, load_scene, parse_scene
 from jaxgrity.cli.inspect import main

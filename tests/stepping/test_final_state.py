@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from leaf_gradients import CASES, compared
+from studies.leaf_gradients import CASES, compared
 
 from jaxgrity import ConeFriction, ExactGround, Members, PenaltyGround, Scene, SolverOptions, Structure, final_state
 from jaxgrity.model.scene import as_dtype

@@ -5,7 +5,7 @@ from typing import ClassVar
 import equinox as eqx
 import numpy as np
 import pytest
-from stability import at_rest, measure, random_scene
+from studies.stability import at_rest, measure, random_scene
 
 from jaxgrity import (
     ConeFriction,
