@@ -32,7 +32,6 @@ from jaxgrity.control import (
     lead_to,
     load_policy,
     measure,
-    progressed,
     sure_footed,
     trials,
 )
@@ -250,7 +249,7 @@ def predicted(env: Environment, training: Training, led: int) -> np.ndarray:
         there = lead_to(env.plant, env.plant, policy, goal, start=plant.motion, sampling=sampling)
         steps = []
         for before, place in pairwise(there.path):
-            progress, average = progressed(env.task, aim, before, place, env.plant.period, average)
+            progress, average = env.task.progressed(aim, before, place, env.plant.period, average)
             steps.append(float(progress))
         found.append(np.mean(steps))
     return np.array(found)

@@ -14,7 +14,7 @@ from .predictive import Journey, lead_to
 from .samples import CAUTIOUS, Sampling
 from .sensors import Errors, Observation, Readings, Sensors, first_readings, measure, read
 from .steering import Blend, Steered, centre_offsets
-from .tasks import REACHED, TASKS, Task, find_task, ground_of, progressed, task_start
+from .tasks import REACHED, TASKS, Task, find_task, ground_of, task_start
 
 __all__ = [
     "CAUTIOUS",
@@ -71,7 +71,6 @@ __all__ = [
     "plant_of",
     "plant_start",
     "policy_names",
-    "progressed",
     "reach_of",
     "read",
     "roll_on",

@@ -24,7 +24,7 @@ from jaxgrity.control.plant import (
     whole_number,
 )
 from jaxgrity.control.sensors import Observation, Sensors
-from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, progressed, task_start, wanted_direction
+from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, task_start
 from jaxgrity.core.arguments import check_key, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
@@ -111,7 +111,7 @@ class Environment:
         metrics: dict[str, AnyArray] = dict.fromkeys(("progress", "effort", "reached", "failed"), zero)
         situation = Situation(state, aim, jnp.zeros_like(place[:2]), jnp.zeros((), jnp.int32))
         info = {"truncation": zero}
-        obs = sensed(seen, wanted_direction(self.task, aim, seen.place))
+        obs = sensed(seen, self.task.wanted_direction(aim, seen.place))
         return EnvironmentState(situation, obs, zero, zero, metrics, info)
 
     def step(self, state: EnvironmentState, action: AnyArray) -> EnvironmentState:
@@ -129,10 +129,10 @@ class Environment:
         old, aim, average, ended = state.pipeline_state
         after = actuate(self.plant, old, self.commanded(jnp.asarray(action, self.plant.options.dtype)))
         before, place = (centre_of_mass(self.plant.scene, s.motion[0]) for s in (old, after))
-        progress, average = progressed(self.task, aim, before, place, self.plant.period, average)
+        progress, average = self.task.progressed(aim, before, place, self.plant.period, average)
         effort = jnp.mean(((after.contraction - old.contraction) / self.plant.period) ** 2)
         seen, after = observe(self.plant, after)
-        obs = sensed(seen, wanted_direction(self.task, aim, seen.place))
+        obs = sensed(seen, self.task.wanted_direction(aim, seen.place))
         reward = progress - self.effort_cost * effort
         finite = jnp.isfinite(reward) & jnp.all(jnp.isfinite(obs))
         failed = (state_failure(self.plant.scene, *after.motion) != 0) | ~finite
@@ -179,12 +179,13 @@ class Environment:
 def sensed(seen: Observation, direction: AnyArray) -> AnyArray:
     """The observation of an environment: all readings in their order, with the wanted direction d, (2,), for the
     place."""
-    return jnp.concatenate([jnp.ravel(part) for part in seen._replace(place=direction)])
+    told = seen._replace(place=jnp.asarray(direction, seen.place.dtype))
+    return jnp.concatenate([jnp.ravel(part) for part in told])
 
 
 @typed
 def environment(
-    task: str,
+    task: str | Task,
     scene: Scene,
     *,
     sensors: Sensors = PERFECT,
@@ -196,7 +197,7 @@ def environment(
     """An environment of one robot, commanded 100 times a second.
 
     Args:
-        task: one of `TASKS`: speed, heading, goal, slope, bumps or recover, scaled to the robot.
+        task: one of `TASKS`: speed, heading, goal, slope, bumps or recover, scaled to the robot; or a `Task` as it is.
         scene: the robot, its ground and friction; of its gait only the actuated members count.
         sensors: their errors; by default none.
         motors: their limits; by default 1 m/s, and contraction by half.

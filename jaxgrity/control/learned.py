@@ -16,7 +16,6 @@ from jaxgrity.control.closed_loop import frame, trajectory_of
 from jaxgrity.control.environments import ENDS, Environment, sensed
 from jaxgrity.control.policies import Memory, Policy
 from jaxgrity.control.sensors import Observation
-from jaxgrity.control.tasks import wanted_direction
 from jaxgrity.core.arguments import check_count, check_key
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
@@ -212,7 +211,7 @@ class Deployed(Policy):
     def _direction(self, place: AnyArray) -> AnyArray:
         """d, (2,), as in an environment: zeros where none is wanted."""
         if self.goal is not None:
-            return wanted_direction(self.environment.task._replace(towards="goal"), self.goal, place)
+            return self.environment.task._replace(towards="goal").wanted_direction(self.goal, place)
         if self.heading is None:
             return jnp.zeros_like(place[:2])
         return self.heading / jnp.linalg.norm(self.heading)

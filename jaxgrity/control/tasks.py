@@ -28,11 +28,14 @@ BUMPS = 0.8
 NEARBY = 1 / 30
 """Share of `Task.reached`, a centimetre of 30, within which the direction to a goal becomes shorter than one."""
 
+TOWARDS = "anywhere", "heading", "goal", "uphill"
+"""Directions of tasks."""
+
 
 class Task(NamedTuple):
     """A task for a robot. The reward of every control period is its progress, m/s: v·d, with the velocity v of its
     centre of mass and the wanted direction d. Without a direction it is |u|, with du/dt = (v - u)/T and T = `averaged`:
-    shaking in place earns nothing."""
+    shaking in place earns nothing. A task of your own is a subclass with another `wanted_direction` or `progressed`."""
 
     towards: str
     """the direction d: "anywhere", none; "heading", one drawn at the start; "goal", that to the goal; "uphill" """
@@ -49,6 +52,34 @@ class Task(NamedTuple):
     averaged: float = 1.0
     """s, over which the velocity is averaged where every direction counts alike"""
 
+    def wanted_direction(self, aim: AnyArray, place: AnyArray) -> AnyArray:
+        """d, (2,), which is observed: a unit vector, shorter `NEARBY` the goal, or zeros if no direction is wanted.
+
+        Args:
+            aim: (2,), the heading or the goal's place, m, as drawn for the episode
+            place: (3,), m, the centre of mass
+        """
+        if self.towards == "heading":
+            return aim
+        if self.towards == "goal":
+            way = aim - place[:2]
+            return way / jnp.sqrt(jnp.sum(way * way) + (NEARBY * self.reached) ** 2)
+        return jnp.array([-1.0 if self.towards == "uphill" else 0.0, 0.0], place.dtype)
+
+    @typed
+    def progressed(
+        self, aim: AnyArray, before: AnyArray, place: AnyArray, period: float, average: AnyArray
+    ) -> tuple[AnyArray, AnyArray]:
+        """The progress of a robot from `before` to `place`, (3,), m, in one period, s.
+
+        Returns the progress, m/s, and the averaged velocity u, (2,), m/s; `average` is its earlier value.
+        """
+        velocity = (place - before)[:2] / period
+        average = average + -float(np.expm1(-period / self.averaged)) * (velocity - average)
+        if self.towards != "anywhere":
+            return jnp.dot(velocity, self.wanted_direction(aim, before)), average
+        return jnp.sqrt(jnp.sum(average * average) + 1e-12), average
+
 
 TASKS: dict[str, Task] = {
     "speed": Task("anywhere"),
@@ -62,16 +93,26 @@ TASKS: dict[str, Task] = {
 
 
 @typed
-def find_task(name: str, scene: Scene) -> Task:
-    """The task called `name`, scaled to the scene's robot. Raises `InputError` for an unknown name."""
-    if name not in TASKS:
-        raise InputError(f"task = {name!r}: {unknown(name, TASKS)}; expected one of {', '.join(TASKS)}")
-    found, size = TASKS[name], float(length_scale(scene))
-    return found._replace(
-        bumps=size * found.bumps,
-        distance=size * found.distance,
-        reached=size * found.reached,
-        averaged=float(time_scale(scene)) * found.averaged,
+def find_task(task: str | Task, scene: Scene) -> Task:
+    """The task of that name, scaled to the scene's robot; a task of your own as it is.
+
+    Raises `InputError` for an unknown name, and for a task of your own whose direction is none.
+    """
+    if isinstance(task, Task):
+        if task.towards not in TOWARDS:
+            raise InputError(f"task.towards = {task.towards!r}: expected one of {', '.join(TOWARDS)}")
+        found = jax.eval_shape(task.wanted_direction, jnp.zeros(2), jnp.zeros(3))
+        if getattr(found, "shape", None) != (2,):
+            raise InputError(f"{type(task).__name__}.wanted_direction: returns {found}; expected shape (2,), x and y")
+        return task
+    if task not in TASKS:
+        raise InputError(f"task = {task!r}: {unknown(task, TASKS)}; expected one of {', '.join(TASKS)}")
+    named, size = TASKS[task], float(length_scale(scene))
+    return named._replace(
+        bumps=size * named.bumps,
+        distance=size * named.distance,
+        reached=size * named.reached,
+        averaged=float(time_scale(scene)) * named.averaged,
     )
 
 
@@ -132,32 +173,6 @@ def task_start(task: Task, scene: Scene, key: Any) -> State:
 def _normal(key: Any, count: int) -> AnyArray:
     """Normal deviates, (count,), drawn in float32 whatever the precision of the robot."""
     return jax.random.normal(key, (count,), jnp.float32)
-
-
-def wanted_direction(task: Task, aim: AnyArray, place: AnyArray) -> AnyArray:
-    """d, (2,), a unit vector, shorter `NEARBY` the goal; `aim`: a heading or the goal's place. Zeros where no direction
-    is wanted."""
-    if task.towards == "heading":
-        return aim
-    if task.towards == "goal":
-        way = aim - place[:2]
-        return way / jnp.sqrt(jnp.sum(way * way) + (NEARBY * task.reached) ** 2)
-    return jnp.array([-1.0 if task.towards == "uphill" else 0.0, 0.0], place.dtype)
-
-
-@typed
-def progressed(
-    task: Task, aim: AnyArray, before: AnyArray, place: AnyArray, period: float, average: AnyArray
-) -> tuple[AnyArray, AnyArray]:
-    """The progress of a robot from `before` to `place`, (3,), m, in one period, s.
-
-    Returns the progress, m/s, and the averaged velocity u, (2,), m/s; `average` is its earlier value.
-    """
-    velocity = (place - before)[:2] / period
-    average = average + -float(np.expm1(-period / task.averaged)) * (velocity - average)
-    if task.towards != "anywhere":
-        return jnp.dot(velocity, wanted_direction(task, aim, before)), average
-    return jnp.sqrt(jnp.sum(average * average) + 1e-12), average
 
 
 def drawn_aim(task: Task, place: AnyArray, key: Any) -> AnyArray:

@@ -121,7 +121,7 @@ def test_progress_is_the_velocity_along_the_wanted_direction(task, wanted):
     """Of a robot at the origin that moves along x and y: a heading, uphill, and the way to a goal on the y axis."""
     before, place = np.zeros(3), np.array([3e-3, 5e-3, -7e-3])
     aim = np.array([0.0, 2.0]) if task == "goal" else np.array([0.6, 0.8])
-    progress, _ = control.progressed(TASKS[task], aim, before, place, 0.01, np.zeros(2))
+    progress, _ = TASKS[task].progressed(aim, before, place, 0.01, np.zeros(2))
     np.testing.assert_allclose(progress, np.dot([0.3, 0.5], wanted), rtol=1e-4)
 
 
@@ -134,7 +134,7 @@ def test_a_task_is_the_same_for_a_small_robot(scene, name):
     if name == "goal":
         aim = 1.01 * aim
     (big, u), (little, w) = (
-        control.progressed(control.find_task(name, robot), direction, a, b, period, np.array([0.3, -0.2]) * speed)
+        control.find_task(name, robot).progressed(direction, a, b, period, np.array([0.3, -0.2]) * speed)
         for robot, direction, a, b, period, speed in (
             (scene, aim, before, place, 0.01, 1.0),
             (small, 0.01 * aim if name == "goal" else aim, 0.01 * before, 0.01 * place, 0.001, 0.1),
@@ -146,6 +146,39 @@ def test_a_task_is_the_same_for_a_small_robot(scene, name):
     assert control.find_task("goal", small).reached == pytest.approx(0.003)
 
 
+class StopAtLine(control.Task):
+    """A task of a user's own, whose direction is in the precision of JAX, not of the robot."""
+
+    line = 0.5
+
+    def wanted_direction(self, aim, place):
+        return jnp.array([jnp.clip(self.line - place[0], -0.3, 0.3), 0.0], float)
+
+
+def test_a_task_of_ones_own_is_observed_and_rewarded(scene):
+    """At the line it wants nothing; the reward is the velocity along the direction that was observed before."""
+    env = control.environment(StopAtLine("heading"), scene, options=QUICK, effort_cost=0.0)
+    place = lambda state: jaxgrity.stepping.centre_of_mass(env.plant.scene, state.pipeline_state.plant.motion[0])  # noqa: E731
+
+    @jax.jit
+    def rolled(key):
+        def step(state, action):
+            after = env.step(state, action)
+            return after, (after.obs[96:98], after.reward, place(after))
+
+        state = env.reset(key)
+        actions = jax.random.uniform(key, (30, 6), minval=-1.0)
+        return state, place(state), jax.lax.scan(step, state, actions)[1]
+
+    first, start, (seen, reward, places) = rolled(jax.random.key(0))
+    places = np.vstack([start, places])
+    np.testing.assert_allclose(seen, np.array([[np.clip(0.5 - x, -0.3, 0.3), 0.0] for x in places[1:, 0]]), atol=1e-6)
+    wanted = np.vstack([first.obs[96:98], seen[:-1]])
+    np.testing.assert_allclose(reward, (np.diff(places[:, :2], axis=0) / 0.01 * wanted).sum(1), atol=1e-4)
+    assert np.abs(reward).max() > 0.01
+    assert first.obs.dtype == np.float32
+
+
 def test_shaking_in_place_is_no_progress():
     """Where any direction is as good as another: a place that swings by 5 cm twice a second, and one that goes on."""
     times = np.arange(0, 10, 0.01)
@@ -155,7 +188,7 @@ def test_shaking_in_place_is_no_progress():
     for path in (swinging, going):
         average, told = np.zeros(2), []
         for before, place in itertools.pairwise(path):
-            progress, average = control.progressed(TASKS["speed"], np.zeros(2), before, place, 0.01, average)
+            progress, average = TASKS["speed"].progressed(np.zeros(2), before, place, 0.01, average)
             told.append(progress)
         means.append(np.mean(told))
     assert np.mean(np.abs(np.diff(swinging[:, 0]))) / 0.01 > 0.3
@@ -267,6 +300,11 @@ def test_bad_input_is_refused(scene):
     """In one line, before anything compiles."""
     with pytest.raises(InputError, match="task = 'fly': unknown"):
         control.environment("fly", scene)
+    with pytest.raises(InputError, match=r"task\.towards = 'moon': expected one of anywhere, heading"):
+        control.environment(control.Task("moon"), scene)
+    bent = type("Bent", (control.Task,), {"wanted_direction": lambda self, aim, place: place})
+    with pytest.raises(InputError, match=r"Bent.wanted_direction: returns .*expected shape \(2,\)"):
+        control.environment(bent("heading"), scene)
     with pytest.raises(InputError, match="the scene has no gait"):
         control.environment("speed", jaxgrity.with_gait(scene, None))
     for seconds in (-1.0, 0.0, np.nan, np.inf, 0.015):

@@ -16,6 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import run as launcher
 import tyro
@@ -468,6 +469,23 @@ def test_baselines_of_tasks_need_evosax_and_leave_a_table(tmp_path):
         return
     facts = quick("task_baselines", tmp_path)
     assert "| heading | " in words("task_baselines", facts)
+
+
+@pytest.mark.campaign
+def test_gradients_through_the_motion_are_compared_with_ppo(tmp_path):
+    """Quick size: both methods learn for a moment, and only one of them has gradients through the motion."""
+    facts = quick("short_horizon", tmp_path)
+    ppo, shac = facts["rows"]
+    assert ppo["norms"] is None
+    assert 0 < shac["norms"][0] <= shac["norms"][1] < np.inf
+    assert "| exact | short-horizon | 8; 0 | " in words("short_horizon", facts)
+
+
+@pytest.mark.campaign
+def test_frames_of_observations_are_compared(tmp_path):
+    """Quick size: a row for each frame."""
+    facts = quick("turned_frame", tmp_path)
+    assert "| wanted direction | 0 | " in words("turned_frame", facts)
 
 
 @pytest.mark.campaign
