@@ -10,7 +10,7 @@ import numpy as np
 from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import AnyArray, Edges, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, State
-from jaxgrity.model.bodies import following
+from jaxgrity.model.body_points import following
 from jaxgrity.model.capsules import Capsules
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.inertia import mobility
