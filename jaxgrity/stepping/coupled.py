@@ -20,15 +20,10 @@ from typing import NamedTuple
 import jax
 import jax.flatten_util
 import jax.numpy as jnp
-import numpy as np
 
 from jaxgrity.core.dense import least_solution
-from jaxgrity.core.primitives import accumulate, inverse, length
-from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, Scalar, State
-from jaxgrity.model.rigidity import rigid_pairs
-from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.constraints import GroundImpulses
-from jaxgrity.stepping.coupled_constraints import constraints_of, contact_nodes, moving_nodes, velocities_of_all
+from jaxgrity.core.primitives import length
+from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.stepping.coupled_contacts import ContactProblem, as_impulses, solve_contacts
 from jaxgrity.stepping.coupled_problem import (
     Coupled,
@@ -41,13 +36,11 @@ from jaxgrity.stepping.coupled_problem import (
     in_frames,
     lengths_after,
     moved,
-    problem_of,
     rate_to_length,
     response,
     scaled,
     vectors_after,
 )
-from jaxgrity.stepping.strut_contacts import TouchingStruts
 
 TURNING = 20
 """Most rounds in a step that use the struts' directions at its start."""
@@ -73,63 +66,6 @@ class Impulses(NamedTuple):
     """the largest share of its length by which a strut is off"""
 
 
-class StepImpulses(NamedTuple):
-    """The result of a step."""
-
-    velocity: NodeVectors
-    """m/s"""
-    impulses: GroundImpulses
-    """m/s: of the ground, over the mass that rests on each node"""
-    struts: NodeVectors
-    """N s"""
-    error: Scalar
-    """m/s: see `Impulses`"""
-    stretch: Scalar
-    """likewise"""
-    off: Scalar
-    """m, by which a strut is off its length, at most"""
-
-
-def coupled_impulses(
-    scene: Scene,
-    times: tuple[Scalar, Scalar],
-    state: State,
-    start: NodeVectors,
-    near: NodeVectors,
-    last: GroundImpulses,
-    touching: TouchingStruts,
-) -> StepImpulses:
-    """Solve the step of `times` (its size h and its end, s) from `state` (q, m, and v, m/s).
-
-    `start`: the velocities by forces alone; `near`: some near the solution; `last`: the ground's impulses of the last
-    step; `touching`: points of struts that may touch the ground, or each other.
-    """
-    (h, _), (q, _) = times, state
-    mass, rows, nodes = scene.structure.borne_mass, contact_nodes(scene), moving_nodes(scene)
-    constraints = constraints_of(scene, times, state, start, touching)
-    guess = jnp.stack([last.normal, *last.tangential], axis=1) * mass[:, None]
-    guesses, along, struts = [guess[rows]], None, None
-    if last.along_struts is not None:
-        guesses.append(last.along_struts)
-    if touching.each_other is not None:
-        guesses.append(last.between_struts[touching.each_other.rows])
-    found = solve_step(problem_of(constraints), jnp.concatenate(guesses), near[nodes])
-    at_nodes, *others = jnp.split(found.ground, np.cumsum([len(each) for each in guesses])[:-1])
-    if last.along_struts is not None:
-        along = others[0]
-    if touching.each_other is not None:
-        struts = jnp.zeros_like(last.between_struts).at[touching.each_other.rows].set(others[-1])
-    exerted = at_nodes if len(rows) == len(q) else jnp.zeros_like(q).at[rows].set(at_nodes)
-    p = exerted * inverse(mass)[:, None]
-    off, pulls = jnp.zeros_like(found.error), jnp.zeros_like(q)
-    if constraints.apart is not None:
-        off = h * jnp.max(jnp.abs(lengths_after(constraints, found.velocity) - constraints.goal))
-        pulls = accumulate(found.struts, rigid_pairs(scene), len(q))
-    impulses = GroundImpulses(p[:, 0], (p[:, 1], p[:, 2]), along, struts)
-    w = velocities_of_all(scene, h, q, found.velocity)
-    return StepImpulses(w, impulses, pulls, found.error, found.stretch, off)
-
-
 class _Found(NamedTuple):
     """The state of the rounds."""
 
@@ -147,20 +83,25 @@ class _Found(NamedTuple):
     """the smallest cosine of the angles by which struts turn within the step"""
 
 
-def solve_step(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> Impulses:
+def solve_step(problem: Coupled, guess: AnyArray, near: AnyArray, side_by_side: bool = False) -> Impulses:
     """Impulses and velocities that meet all constraints of a step; `guess` is p of the last one, N s.
 
-    Struts are linearised first about the velocities `near`, m/s.
+    Struts are linearised first about the velocities `near`, m/s. With `side_by_side` there are many problems of one
+    shape, along the first axis of all arrays.
 
     Without a solution, the nearest ones, with their error.
     """
-    # the search is not differentiated: `custom_root` takes the derivative at what it finds
-    fixed = jax.tree.map(jax.lax.stop_gradient, problem)
+    search, complete = (jax.vmap(each) if side_by_side else each for each in (_search, _complete))
     # On a CPU robots are solved one after the other: side by side all of them iterate until the last one is done.
-    search = jax.custom_batching.sequential_vmap(_search) if jax.default_backend() == "cpu" else _search
-    found, u, root_mass = search(fixed, *jax.lax.stop_gradient((guess, near)))
+    search = jax.custom_batching.sequential_vmap(search) if jax.default_backend() == "cpu" else search
+    # the search is not differentiated: `custom_root` takes the derivative at what it finds
+    return complete(problem, *search(*jax.lax.stop_gradient((problem, guess, near))))
+
+
+def _complete(problem: Coupled, found: "_Found", u: MemberVectors, root_mass: PerNode) -> Impulses:
+    """The solution with its derivatives, from what was found with the directions u of struts."""
     rest = found.struts - u * found.pulls[:, None]
-    projected = jnp.any(directions(fixed) != u)
+    projected = jnp.any(jax.lax.stop_gradient(directions(problem)) != u)
 
     def of_struts(pulls):
         return rest + jnp.where(projected, u, directions(problem)) * pulls[:, None]
@@ -198,7 +139,7 @@ def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[
         own = jnp.sum((D @ free) * D, axis=1).reshape(-1, 3).mean(1)
     else:
         own = jnp.trace(free.reshape(nodes, 3, nodes, 3).diagonal(axis1=0, axis2=2)) / 3
-    root_mass = 1 / jnp.sqrt(jnp.maximum(own, 1e-9 * jnp.maximum(own.max(), jnp.finfo(dtype).tiny)))
+    root_mass = 1 / jnp.sqrt(jnp.maximum(own, 1e-9 * jnp.maximum(own.max(initial=0), jnp.finfo(dtype).tiny)))
     first = eliminated(problem, root_mass, directions(problem))
     nothing = jnp.zeros_like(first.units)
     infinite = jnp.array(jnp.inf, dtype)

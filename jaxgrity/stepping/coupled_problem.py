@@ -127,11 +127,11 @@ def lengths_after(problem: Coupled | Constraints, w: NodeVectors) -> PerMember:
 def contact_of(problem: Coupled, root_mass: PerNode, z: MemberVectors) -> tuple[MemberVectors, MemberVectors]:
     """w, m/s, along x, y and z, and p, N s, along normal and tangents, of trial impulses z.
 
-    For balls w is that of the point of contact, along normal and tangents.
+    Where not all nodes touch, w is that of the points of contact, along normal and tangents.
     """
     scale = root_mass[:, None]
     if problem.contact is None:
-        return from_frames(problem, -z / scale), jnp.zeros_like(z)
+        return -z / scale if problem.reach is not None else from_frames(problem, -z / scale), jnp.zeros_like(z)
     contact = scaled(problem.contact, root_mass)
     p = as_impulses(contact, z)
     # a node that is pressed on moves at c to the last bit, so that none ends the step below the ground
