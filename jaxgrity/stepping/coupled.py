@@ -128,7 +128,7 @@ def _complete(problem: Coupled, found: "_Found", u: MemberVectors, root_mass: Pe
     return Impulses(w, f, p, found.error, found.stretch)
 
 
-def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[_Found, MemberVectors, PerMember]:
+def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Found, MemberVectors, AnyArray]:
     """The solution, the struts' directions u of the last round, and the roots of the masses that scale each contact."""
     dtype, nodes = problem.start.dtype, len(problem.start)
     free = response(problem, directions(problem))[2]

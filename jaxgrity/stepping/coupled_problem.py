@@ -146,7 +146,7 @@ def scaled(contact: Contact, root_mass: PerNode) -> Contact:
     return contact._replace(closing=contact.closing * root_mass)
 
 
-def acted_on(problem: Coupled, pulls: MemberVectors, p: MemberVectors) -> NodeVectors:
+def acted_on(problem: Coupled, pulls: MemberVectors, p: AnyArray) -> NodeVectors:
     """w0 + A (f + p), m/s, with f of the impulses of struts, (struts, 3), N s, on their first ends."""
     return problem.start + moved(problem.A, problem.ends.T @ pulls + from_frames(problem, p))
 
