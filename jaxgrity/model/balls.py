@@ -67,19 +67,28 @@ class Balls(eqx.Module):
 
         `normal` is n at each ball, (balls, 3).
         """
+        own, carriers = self._turned(bodies)
         weights = jnp.zeros((len(self.nodes), len(q)), q.dtype)
+        if not own.size:
+            return weights
+        first = q[carriers[:, 0]]
+        a, b, c = (q[carriers[:, k]] - first for k in (1, 2, 3))
+        across = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)], axis=1)
+        arm = -jnp.asarray(self.radius)[own, None] * normal[own]
+        shares = jnp.sum(arm[:, None] * across, axis=2) / jnp.sum(a * across[:, 0], axis=1, keepdims=True)
+        rows = jnp.concatenate([-shares.sum(1, keepdims=True), shares], axis=1)
+        return weights.at[own[:, None], carriers].set(rows)
+
+    def _turned(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
+        """The numbers of the balls that turn with a body, and its basic points, (balls, 4). At a joint of several
+        bodies that is the first of them."""
+        body_of: dict[int, tuple[int, ...]] = {}
         for body in bodies:
-            own = np.array([k for k, node in enumerate(self.nodes) if node in body.points], int)
-            if not own.size or len(body.basic) < 4:
-                continue
-            first, *others = (q[node] for node in body.basic)
-            a, b, c = (x - first for x in others)
-            across = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)])
-            arm = -self.radius[own, None] * normal[own]
-            shares = arm @ across.T / jnp.dot(a, across[0])
-            rows = jnp.concatenate([-shares.sum(1, keepdims=True), shares], axis=1)
-            weights = weights.at[np.ix_(own, np.array(body.basic))].set(rows)
-        return weights
+            if len(body.basic) == 4:
+                for node in body.points:
+                    body_of.setdefault(node, body.basic)
+        own = [k for k, node in enumerate(self.nodes) if node in body_of]
+        return np.array(own, int), np.array([body_of[self.nodes[k]] for k in own], int).reshape(-1, 4)
 
 
 class Thickened(Surface):

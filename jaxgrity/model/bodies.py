@@ -7,6 +7,7 @@ Jalón 2007, doi:10.1007/s11044-007-9068-0.
 """
 
 import itertools
+from collections import Counter
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -15,21 +16,16 @@ import numpy as np
 
 from jaxgrity.core.arguments import check_each, check_indices, is_count
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import (
     AnyArray,
-    AnyPerNode,
     Edges,
     NodeVectors,
-    PerMember,
     Scalar,
-    Supports,
     Vector,
     as_float,
     as_float_or_none,
-    namespace_of,
 )
 
 FLAT = 1e-9
@@ -168,81 +164,13 @@ def body_moments(body: Body, q: NodeVectors) -> tuple[Scalar, Vector, AnyArray]:
     return mass, first / mass, second.trace() * np.eye(3) - second
 
 
-def lumped(bodies: Bodies, nodes: int) -> AnyPerNode | float:
-    """kg at each node, some maybe negative: the bodies' part in weight, momentum and centre of mass."""
-    return sum((place_rows(body.matrix.sum(1), body.basic, nodes) for body in bodies), 0.0)
-
-
-def shared_evenly(bodies: Bodies, nodes: int) -> AnyPerNode | float:
-    """kg at each node: each body's mass in equal shares at its points."""
-    masses = [(body.matrix.sum((0, 1)) / len(body.points), body.points) for body in bodies]
-    shares = [(jnp.broadcast_to(mass, (len(points), *np.shape(mass))), points) for mass, points in masses]
-    return sum((place_rows(share, points, nodes) for share, points in shares), 0.0)
-
-
-def independent_nodes(bodies: Bodies, nodes: int) -> tuple[int, ...]:
-    """The independent nodes: those that follow no others."""
-    following = {k for body in bodies for k in body.carried}
-    return tuple(k for k in range(nodes) if k not in following)
-
-
-def carrying(bodies: Bodies, nodes: int) -> AnyArray:
-    """N, (nodes, independent nodes): the weights of independent nodes in every node's position."""
-    free = independent_nodes(bodies, nodes)
-    xp = jnp if any(namespace_of(body.weights) is jnp for body in bodies) else np
-    one = np.eye(nodes, dtype=bodies[0].weights.dtype if bodies else float)  # float64 would spread from here
-    rows = xp.asarray(one)
-    for body in bodies:
-        if body.carried:
-            put = one[:, list(body.carried)]
-            rows = rows + put @ (body.weights @ one[list(body.basic)] - one[list(body.carried)])
-    return rows[:, np.array(free)]
-
-
-def following(bodies: Bodies, x: NodeVectors) -> NodeVectors:
-    """Positions, or velocities, with the bodies' other points from the basic ones."""
-    for body in bodies:
-        if body.carried:
-            there = body.weights @ x[np.array(body.basic)]
-            x = x + place_rows(there - x[np.array(body.carried)], body.carried, len(x))
-    return x
-
-
-def onto_basic(bodies: Bodies, forces: NodeVectors) -> NodeVectors:
-    """The transpose of `following`: equivalent forces at basic points alone."""
-    for body in bodies:
-        if body.carried:
-            there = forces[np.array(body.carried)]
-            forces = forces - place_rows(there, body.carried, len(forces))
-            forces = forces + place_rows(body.weights.T @ there, body.basic, len(forces))
-    return forces
-
-
-def body_energy(body: Body, v: NodeVectors) -> Scalar:
-    """T = 1/2 sum_ab m_ab v_a·v_b, J."""
-    basic = v[np.array(body.basic)]
-    return jnp.sum(basic * (body.matrix @ basic)) / 2
-
-
-def body_pairs(bodies: Bodies, fixed: Supports = ()) -> tuple[Edges, PerMember]:
-    """The pairs of basic points at constant distance, without pairs of `fixed` ones, and these distances, m."""
-    still = {node for node, axes in fixed if set(axes) == set("xyz")}
-    first: dict[frozenset, tuple[tuple[int, int], AnyArray]] = {}
-    for body in bodies:
-        for edge, length in zip(body.edges, body.lengths):
-            if not set(edge) <= still:
-                first.setdefault(frozenset(edge), (edge, length))
-    xp = jnp if any(namespace_of(body.lengths) is jnp for body in bodies) else np
-    return tuple(edge for edge, _ in first.values()), xp.stack([length for _, length in first.values()])
-
-
 def check_bodies(bodies: Bodies, nodes: int, fixed: Sequence[int]) -> None:
     """Raises `InputError` for bodies with missing nodes, and for a carried point that is fixed or in another body."""
+    joined = Counter(k for body in bodies for k in body.points)
     for number, body in enumerate(bodies):
         if max(body.points) >= nodes:
             raise InputError(f"structure.bodies[{number}] has node {max(body.points)}; expected 0 to {nodes - 1}")
-        elsewhere = {k for j, other in enumerate(bodies) if j != number for k in other.points} | set(fixed)
-        if shared := sorted(elsewhere & set(body.carried)):
+        if shared := sorted(k for k in body.carried if joined[k] > 1 or k in set(fixed)):
             raise InputError(
                 f"structure.bodies[{number}]: node {shared[0]} is fixed, or a point of another body too, and follows "
                 f"basic points here; expected rigid_body(..., basic=({shared[0]},))"

@@ -14,7 +14,7 @@ from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import along, component, dot, inner, place_rows, respond, scale, take_rows
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, MassMatrix, Mobility, NodeVectors, Scalar
-from jaxgrity.model.bodies import body_energy, carrying, independent_nodes, onto_basic
+from jaxgrity.model.body_points import carrying, energy_of_bodies, independent_nodes, onto_basic
 from jaxgrity.model.structure import Structure
 
 
@@ -22,13 +22,13 @@ from jaxgrity.model.structure import Structure
 def energy_of_motion(structure: Structure, v: NodeVectors) -> Scalar:
     """T = sum m_i/2 |v_i|^2 + sum m/6 (v_p·v_p + v_p·v_q + v_q·v_q), J, over the nodes and the members with mass.
 
-    Bodies add what `body_energy` says.
+    Bodies add what `energy_of_bodies` says.
     """
     T = inner(structure.node_mass, dot(v, v)) / 2
     for mass, edges in structure.rod_masses:
         first, second = (take_rows(v, ends) for ends in zip(*edges))
         T = T + inner(mass, dot(first, first) + dot(first, second) + dot(second, second)) / 6
-    return sum((body_energy(body, v) for body in structure.bodies), T)
+    return T + energy_of_bodies(structure.bodies, v) if structure.bodies else T
 
 
 @typed

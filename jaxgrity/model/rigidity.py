@@ -9,7 +9,8 @@ import numpy as np
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.types import Edges, PerMember, Scalar, namespace_of
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.bodies import Bodies, body_pairs, carrying, following, independent_nodes
+from jaxgrity.model.bodies import Bodies
+from jaxgrity.model.body_points import body_pairs, carrying, following, independent_nodes
 from jaxgrity.model.laws import SAME, Constraint, SceneParts
 from jaxgrity.model.rigid_struts import RigidStruts, directions_between
 from jaxgrity.model.structure import edge_lengths

@@ -10,7 +10,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inverse, length
 from jaxgrity.core.types import NodeVectors, PerMember, Scalar, VectorsByKind
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.bodies import body_pairs
+from jaxgrity.model.body_points import body_pairs
 from jaxgrity.model.clusters import pull
 from jaxgrity.model.pulleys import built_lengths
 from jaxgrity.model.scene import Scene

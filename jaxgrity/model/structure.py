@@ -23,7 +23,8 @@ from jaxgrity.core.types import (
     as_float,
     as_float_or_none,
 )
-from jaxgrity.model.bodies import Bodies, check_bodies, lumped, shared_evenly
+from jaxgrity.model.bodies import Bodies, check_bodies
+from jaxgrity.model.body_points import lumped, shared_evenly
 from jaxgrity.model.clusters import Clusters, check_clusters
 from jaxgrity.model.motors import Motor
 from jaxgrity.model.pulleys import Pulley, check_pulleys, check_wraps

@@ -14,7 +14,8 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors, PerMember
-from jaxgrity.model.bodies import Bodies, body_pairs, carrying, independent_nodes
+from jaxgrity.model.bodies import Bodies
+from jaxgrity.model.body_points import body_pairs, carrying, independent_nodes
 from jaxgrity.model.structure import edge_lengths
 from jaxgrity.statics.stiffness import Fixed, free_coordinates, free_motions, incidence, rigid_motions
 

@@ -17,7 +17,8 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors
-from jaxgrity.model.bodies import Bodies, carrying, independent_nodes
+from jaxgrity.model.bodies import Bodies
+from jaxgrity.model.body_points import carrying, independent_nodes
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.springs import as_springs

@@ -20,33 +20,27 @@ from typing import NamedTuple
 import jax
 import jax.flatten_util
 import jax.numpy as jnp
-import numpy as np
 
 from jaxgrity.core.dense import least_solution
-from jaxgrity.core.primitives import edge_vectors, inverse, length
-from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, Scalar, State
-from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.constraints import GroundImpulses
+from jaxgrity.core.primitives import length
+from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.stepping.coupled_contacts import ContactProblem, as_impulses, solve_contacts
 from jaxgrity.stepping.coupled_problem import (
     Coupled,
     Elimination,
     acted_on,
-    along_struts,
     contact_of,
+    directions,
     eliminated,
     from_frames,
     in_frames,
     lengths_after,
     moved,
-    problem_of,
     rate_to_length,
     response,
-    rows_of_struts,
     scaled,
-    touching_nodes,
+    vectors_after,
 )
-from jaxgrity.stepping.strut_contacts import TouchingStruts
 
 TURNING = 20
 """Most rounds in a step that use the struts' directions at its start."""
@@ -58,12 +52,12 @@ a strut that turns more, an impulse along its first direction changes the length
 
 
 class Impulses(NamedTuple):
-    """The impulses of one step, N s, (nodes, 3), and their error in the constraints."""
+    """The impulses of one step, N s, and their error in the constraints."""
 
     velocity: NodeVectors
-    """w, m/s, after it"""
-    struts: NodeVectors
-    """f, along x, y and z"""
+    """w, m/s, after it, of the independent nodes"""
+    struts: MemberVectors
+    """(struts, 3), along x, y and z, on the first end of each; the opposite on the second"""
     ground: MemberVectors
     """p, along the ground's normal and tangents, of each contact: all nodes, or the balls, and struts"""
     error: Scalar
@@ -72,69 +66,13 @@ class Impulses(NamedTuple):
     """the largest share of its length by which a strut is off"""
 
 
-class StepImpulses(NamedTuple):
-    """The result of a step."""
-
-    velocity: NodeVectors
-    """m/s"""
-    impulses: GroundImpulses
-    """m/s: of the ground, over the mass that rests on each node"""
-    struts: NodeVectors
-    """N s"""
-    error: Scalar
-    """m/s: see `Impulses`"""
-    stretch: Scalar
-    """likewise"""
-    off: Scalar
-    """m, by which a strut is off its length, at most"""
-
-
-def coupled_impulses(
-    scene: Scene,
-    times: tuple[Scalar, Scalar],
-    state: State,
-    start: NodeVectors,
-    near: NodeVectors,
-    last: GroundImpulses,
-    touching: TouchingStruts,
-) -> StepImpulses:
-    """Solve the step of `times` (its size h and its end, s) from `state` (q, m, and v, m/s).
-
-    `start`: the velocities by forces alone; `near`: some near the solution; `last`: the ground's impulses of the last
-    step; `touching`: points of struts that may touch the ground, or each other.
-    """
-    (h, _), (q, _) = times, state
-    mass, rows = scene.structure.borne_mass, touching_nodes(scene)
-    problem = problem_of(scene, times, state, start, touching)
-    guess = jnp.stack([last.normal, *last.tangential], axis=1) * mass[:, None]
-    guesses, along, struts = [guess if rows is None else guess[rows]], None, None
-    if last.along_struts is not None:
-        guesses.append(last.along_struts)
-    if touching.each_other is not None:
-        guesses.append(last.between_struts[touching.each_other.rows])
-    found = solve_step(problem, guesses[0] if len(guesses) == 1 else jnp.concatenate(guesses), near)
-    at_nodes = found.ground
-    if len(guesses) > 1:
-        at_nodes, *others = jnp.split(found.ground, np.cumsum([len(each) for each in guesses])[:-1])
-        along = None if last.along_struts is None else others[0]
-        if touching.each_other is not None:
-            struts = jnp.zeros_like(last.between_struts).at[touching.each_other.rows].set(others[-1])
-    exerted = at_nodes if rows is None else jnp.zeros_like(q).at[rows].set(at_nodes)
-    p = exerted * inverse(mass)[:, None]
-    off: Scalar = jnp.zeros_like(found.error)
-    if problem.apart is not None:
-        off = h * jnp.max(jnp.abs(lengths_after(problem, found.velocity) - problem.goal))
-    impulses = GroundImpulses(p[:, 0], (p[:, 1], p[:, 2]), along, struts)
-    return StepImpulses(found.velocity, impulses, found.struts, found.error, found.stretch, off)
-
-
 class _Found(NamedTuple):
     """The state of the rounds."""
 
-    struts: NodeVectors
-    """f, N s"""
+    struts: MemberVectors
+    """(struts, 3), N s, on the first end of each"""
     pulls: PerMember
-    """the part of it that is J^T lambda with the directions of now: lambda, N s"""
+    """the part of them along the directions of now: lambda, N s"""
     trial: MemberVectors
     """z of the contacts, (contacts, 3)"""
     velocity: NodeVectors
@@ -145,25 +83,33 @@ class _Found(NamedTuple):
     """the smallest cosine of the angles by which struts turn within the step"""
 
 
-def solve_step(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> Impulses:
+def solve_step(problem: Coupled, guess: AnyArray, near: AnyArray, side_by_side: bool = False) -> Impulses:
     """Impulses and velocities that meet all constraints of a step; `guess` is p of the last one, N s.
 
-    Struts are linearised first about the velocities `near`, m/s.
+    Struts are linearised first about the velocities `near`, m/s. With `side_by_side` there are many problems of one
+    shape, along the first axis of all arrays.
 
     Without a solution, the nearest ones, with their error.
     """
-    # the search is not differentiated: `custom_root` takes the derivative at what it finds
-    fixed = jax.tree.map(jax.lax.stop_gradient, problem)
+    search, complete = (jax.vmap(each) if side_by_side else each for each in (_search, _complete))
     # On a CPU robots are solved one after the other: side by side all of them iterate until the last one is done.
-    search = jax.custom_batching.sequential_vmap(_search) if jax.default_backend() == "cpu" else _search
-    found, J, root_mass = search(fixed, *jax.lax.stop_gradient((guess, near)))
-    rest = found.struts - along_struts(J, found.pulls)
-    projected = jnp.any(rows_of_struts(fixed) != J)
+    search = jax.custom_batching.sequential_vmap(search) if jax.default_backend() == "cpu" else search
+    # the search is not differentiated: `custom_root` takes the derivative at what it finds
+    return complete(problem, *search(*jax.lax.stop_gradient((problem, guess, near))))
+
+
+def _complete(problem: Coupled, found: "_Found", u: MemberVectors, root_mass: PerNode) -> Impulses:
+    """The solution with its derivatives, from what was found with the directions u of struts."""
+    rest = found.struts - u * found.pulls[:, None]
+    projected = jnp.any(jax.lax.stop_gradient(directions(problem)) != u)
+
+    def of_struts(pulls):
+        return rest + jnp.where(projected, u, directions(problem)) * pulls[:, None]
 
     def unmet(unknown):
         z, pulls = unknown
         w, p = contact_of(problem, root_mass, z)
-        acted = acted_on(problem, rest + along_struts(jnp.where(projected, J, rows_of_struts(problem)), pulls), p)
+        acted = acted_on(problem, of_struts(pulls), p)
         if problem.reach is None:
             missed = root_mass[:, None] * in_frames(problem, acted - w)
         else:
@@ -177,15 +123,15 @@ def solve_step(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> Imp
 
     z, pulls = jax.lax.custom_root(unmet, (found.trial, found.pulls), lambda _, found: found, solve_linear)
     w, p = contact_of(problem, root_mass, z)
-    f = rest + along_struts(jnp.where(projected, J, rows_of_struts(problem)), pulls)
+    f = of_struts(pulls)
     w = w if problem.reach is None else acted_on(problem, f, p)
     return Impulses(w, f, p, found.error, found.stretch)
 
 
-def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[_Found, AnyArray, PerMember]:
-    """The solution, the directions J of the last round, and the roots of the masses that scale each contact."""
+def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Found, MemberVectors, AnyArray]:
+    """The solution, the struts' directions u of the last round, and the roots of the masses that scale each contact."""
     dtype, nodes = problem.start.dtype, len(problem.start)
-    free = response(problem, rows_of_struts(problem))[2]
+    free = response(problem, directions(problem))[2]
     # scaled by what each node answers while struts keep their lengths, feet of a gramme and hulls of a kilogramme are
     # alike to Newton's method; a node that cannot move answers nothing, and gets a floor
     if problem.reach is not None:
@@ -193,24 +139,24 @@ def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[
         own = jnp.sum((D @ free) * D, axis=1).reshape(-1, 3).mean(1)
     else:
         own = jnp.trace(free.reshape(nodes, 3, nodes, 3).diagonal(axis1=0, axis2=2)) / 3
-    root_mass = 1 / jnp.sqrt(jnp.maximum(own, 1e-9 * jnp.maximum(own.max(), jnp.finfo(dtype).tiny)))
-    first = eliminated(problem, root_mass, rows_of_struts(problem))
-    nothing = jnp.zeros_like(problem.start)
+    root_mass = 1 / jnp.sqrt(jnp.maximum(own, 1e-9 * jnp.maximum(own.max(initial=0), jnp.finfo(dtype).tiny)))
+    first = eliminated(problem, root_mass, directions(problem))
+    nothing = jnp.zeros_like(first.units)
     infinite = jnp.array(jnp.inf, dtype)
     trial = guess / root_mass[:, None]
     if problem.contact is not None:
         # so that P(z) are the impulses of the last step: at rest they are those of this one
         trial = trial - (problem.contact.closing * root_mass)[:, None] * jnp.eye(3, dtype=dtype)[0]
-    start = _Found(nothing, first.J[:, 0] * 0, trial, near, infinite, infinite, jnp.ones((), dtype))
+    start = _Found(nothing, nothing[:, 0], trial, near, infinite, infinite, jnp.ones((), dtype))
     if problem.apart is None:
-        return _round(problem, root_mass, first, start), first.J, root_mass
+        return _round(problem, root_mass, first, start), first.units, root_mass
     fine, close = (jnp.finfo(dtype).eps ** power for power in (0.75, 0.5))
 
     def attempt(state):
         """Rounds with one choice of directions: many with those at the start, each with its own thereafter."""
         count, found, _ = state
         parts = eliminated(
-            problem, root_mass, jnp.where(count == 0, rows_of_struts(problem), rows_of_struts(problem, found.velocity))
+            problem, root_mass, jnp.where(count == 0, directions(problem), directions(problem, found.velocity))
         )
         most = jnp.where(count == 0, TURNING, 1)
 
@@ -223,15 +169,15 @@ def _search(problem: Coupled, guess: MemberVectors, near: NodeVectors) -> tuple[
         found = jax.lax.while_loop(unmet, lambda s: (s[0] + 1, _round(problem, root_mass, parts, s[1])), inner)[1]
         # where the first directions led nowhere, projections begin anew, from the velocities `near`
         lost = (count == 0) & ~((found.stretch <= close) & (found.along > STEEPEST))
-        return count + 1, jax.tree.map(lambda a, b: jnp.where(lost, a, b), start, found), parts.J
+        return count + 1, jax.tree.map(lambda a, b: jnp.where(lost, a, b), start, found), parts.units
 
     # projections lose energy: what the first directions bring `close` is taken as it is
     def unmet(state):
         count, found, _ = state
         return (found.stretch > jnp.where(count == 1, close, fine)) & (count <= PROJECTIONS)
 
-    _, found, J = jax.lax.while_loop(unmet, attempt, (0, start, first.J))
-    return found, J, root_mass
+    _, found, u = jax.lax.while_loop(unmet, attempt, (0, start, first.units))
+    return found, u, root_mass
 
 
 def _round(problem: Coupled, root_mass: PerMember, parts: Elimination, found: _Found) -> _Found:
@@ -240,15 +186,14 @@ def _round(problem: Coupled, root_mass: PerMember, parts: Elimination, found: _F
     base: NodeVectors = acted
     wanted: PerMember = jnp.zeros_like(found.pulls)
     if problem.apart is not None:
-        wanted = rate_to_length(problem, parts.J, w) + parts.J @ (w - acted).ravel()
-        base = acted + moved(problem.A, along_struts(parts.J, parts.inverse @ wanted))
+        wanted = rate_to_length(problem, parts.units, w) + parts.J @ (w - acted).ravel()
+        base = acted + moved(problem.A, (parts.J.T @ (parts.inverse @ wanted)).reshape(w.shape))
     scale = root_mass[:, None]
     b = scale * in_frames(problem, base)
     z: MemberVectors = -b
     error: Scalar = jnp.zeros_like(found.error)
     if problem.contact is not None:
-        speed = jnp.max(jnp.abs(problem.start)) + problem.slow
-        tolerance, enough = (jnp.finfo(b.dtype).eps ** power * speed for power in (0.75, 0.6))
+        tolerance, enough = (jnp.finfo(b.dtype).eps ** power * problem.speed for power in (0.75, 0.6))
         contact = scaled(problem.contact, root_mass)
         start = as_impulses(contact, found.trial)
         start = start - b - (parts.G @ start.ravel()).reshape(b.shape)
@@ -260,11 +205,11 @@ def _round(problem: Coupled, root_mass: PerMember, parts: Elimination, found: _F
     stretch, along = jnp.zeros_like(error), jnp.ones_like(error)
     if problem.apart is not None:
         more = parts.inverse @ (wanted - parts.J @ moved(problem.A, from_frames(problem, p)).ravel())
-        f, pulls = f + along_struts(parts.J, more), pulls + more
+        f, pulls = f + parts.units * more[:, None], pulls + more
         if problem.reach is not None:
             w = acted_on(problem, f, p)
         after = lengths_after(problem, w)
         stretch = jnp.max(jnp.abs(after - problem.goal) / problem.goal)
-        d = problem.apart + edge_vectors(w, problem.edges)
+        d = vectors_after(problem, w)
         along = jnp.min(jnp.sum(d * problem.apart, axis=1) / (after * length(problem.apart)))
     return _Found(f, pulls, z, w, error, stretch, along)

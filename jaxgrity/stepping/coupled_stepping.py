@@ -3,11 +3,18 @@
 It is for structures with nodes of several rigid struts, rods with mass, or supports.
 """
 
-import equinox as eqx
-import jax.numpy as jnp
+from typing import NamedTuple
 
-from jaxgrity.core.types import Scalar
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.primitives import accumulate, inverse
+from jaxgrity.core.types import MemberVectors, NodeVectors, Scalar, State
+from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import speed_scale
+from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import moved_along
 from jaxgrity.stepping.capsules import capsules_of, ends_of
 from jaxgrity.stepping.complementarity import (
@@ -19,12 +26,99 @@ from jaxgrity.stepping.complementarity import (
     kick_of,
     one_robot,
 )
-from jaxgrity.stepping.coupled import coupled_impulses
+from jaxgrity.stepping.constraints import GroundImpulses
+from jaxgrity.stepping.coupled import Impulses, solve_step
+from jaxgrity.stepping.coupled_constraints import (
+    Constraints,
+    constraints_of,
+    contact_nodes,
+    moving_nodes,
+    velocities_of_all,
+)
+from jaxgrity.stepping.coupled_problem import lengths_after, problem_of
+from jaxgrity.stepping.separate_parts import Alike, of_parts, put_together, separate_parts
 from jaxgrity.stepping.strut_contacts import TouchingStruts, points_between, touching_struts
 
 LARGEST_SPEED_ERROR = 1e-3
 """Largest difference, m/s for a body of one metre, between a velocity and the one that the impulses give, if struts and
 contacts are solved together."""
+
+
+class StepImpulses(NamedTuple):
+    """The result of a step."""
+
+    velocity: NodeVectors
+    """m/s"""
+    impulses: GroundImpulses
+    """m/s: of the ground, over the mass that rests on each node"""
+    struts: NodeVectors
+    """N s"""
+    error: Scalar
+    """m/s: see `Impulses`"""
+    stretch: Scalar
+    """likewise"""
+    off: Scalar
+    """m, by which a strut is off its length, at most"""
+
+
+def coupled_impulses(
+    scene: Scene,
+    times: tuple[Scalar, Scalar],
+    state: State,
+    start: NodeVectors,
+    near: NodeVectors,
+    last: GroundImpulses,
+    touching: TouchingStruts,
+) -> StepImpulses:
+    """Solve the step of `times` (its size h and its end, s) from `state` (q, m, and v, m/s).
+
+    `start`: the velocities by forces alone; `near`: some near the solution; `last`: the ground's impulses of the last
+    step; `touching`: points of struts that may touch the ground, or each other.
+    """
+    (h, _), (q, _) = times, state
+    mass, rows, nodes = scene.structure.borne_mass, contact_nodes(scene), moving_nodes(scene)
+    constraints = constraints_of(scene, times, state, start, touching)
+    guess = jnp.stack([last.normal, *last.tangential], axis=1) * mass[:, None]
+    guesses, along, struts = [guess[rows]], None, None
+    if last.along_struts is not None:
+        guesses.append(last.along_struts)
+    if touching.each_other is not None:
+        guesses.append(last.between_struts[touching.each_other.rows])
+    found = _solved(constraints, separate_parts(scene), jnp.concatenate(guesses), near[nodes])
+    at_nodes, *others = jnp.split(found.ground, np.cumsum([len(each) for each in guesses])[:-1])
+    if last.along_struts is not None:
+        along = others[0]
+    if touching.each_other is not None:
+        struts = jnp.zeros_like(last.between_struts).at[touching.each_other.rows].set(others[-1])
+    exerted = at_nodes if len(rows) == len(q) else jnp.zeros_like(q).at[rows].set(at_nodes)
+    p = exerted * inverse(mass)[:, None]
+    off, pulls = jnp.zeros_like(found.error), jnp.zeros_like(q)
+    if constraints.apart is not None:
+        off = h * jnp.max(jnp.abs(lengths_after(constraints, found.velocity) - constraints.goal))
+        pulls = accumulate(found.struts, rigid_pairs(scene), len(q))
+    impulses = GroundImpulses(p[:, 0], (p[:, 1], p[:, 2]), along, struts)
+    w = velocities_of_all(scene, h, q, found.velocity)
+    return StepImpulses(w, impulses, pulls, found.error, found.stretch, off)
+
+
+def _solved(
+    constraints: Constraints, parts: tuple[Alike, ...] | None, guess: MemberVectors, near: NodeVectors
+) -> Impulses:
+    """The solution of a step, of each kind of parts apart."""
+    if parts is None:
+        return solve_step(problem_of(constraints), guess, near)
+    found = []
+    for alike in parts:
+        problems = jax.vmap(problem_of)(of_parts(constraints, alike))
+        found.append(solve_step(problems, guess[alike.contacts], near[alike.nodes], side_by_side=True))
+    velocity, struts, ground, *errors = (list(each) for each in zip(*found))
+    nodes, rows, contacts = (list(numbers) for numbers in zip(*parts))
+    return Impulses(
+        put_together(constraints.start, nodes, velocity),
+        put_together(jnp.zeros((len(constraints.ends), 3), near.dtype), rows, struts),
+        put_together(jnp.zeros_like(guess), contacts, ground),
+        *(jnp.max(jnp.concatenate(error)) for error in errors),
+    )
 
 
 class CoupledImpulses(Complementarity):

@@ -8,7 +8,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors, Scalar, State
-from jaxgrity.model.bodies import carrying, independent_nodes
+from jaxgrity.model.body_points import carrying, independent_nodes
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import length_scale, speed_scale

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from jaxgrity import InputError, Members, Scene, Shaking, Structure
 from jaxgrity.model import Body, energy_of_motion, mass_matrix, mobility, momenta, rigid_body, symmetries
-from jaxgrity.model.bodies import carrying, independent_nodes
+from jaxgrity.model.body_points import carrying, independent_nodes
 from jaxgrity.model.inertia import along_fixed
 from jaxgrity.model.rigidity import RigidBodies, rigid_lengths, rigid_pairs
 from jaxgrity.stepping.dynamics import angular_momentum, centre_of_mass

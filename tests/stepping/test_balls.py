@@ -2,6 +2,7 @@
 
 import math
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -107,3 +108,15 @@ def test_a_ball_sinks_into_a_spring_by_its_edge():
     scene = Scene(scene.structure, G, ground=soft, friction=SmoothFriction(0.5, 1e-3))
     q = np.asarray(scene.structure.nodes) - 1e-3 * NORMAL
     np.testing.assert_allclose(soft.normal_force(q, 0 * q), [10.0, 0, 0, 0], rtol=1e-9)
+
+
+def test_a_ball_at_a_joint_turns_with_the_first_body():
+    """Its point of contact moves by w x (-r n), whatever the other body does."""
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0], [0, 0, -1]])
+    points = (0, 1, 2, 3), (0, 4, 5, 6)
+    bodies = tuple(rigid_body(x, each, 1.0, [1.0, 1.0, 1.0], basic=each) for each in points)
+    w, normal = np.array([0.3, -0.2, 0.5]), np.array([[0.6, 0.0, 0.8]])
+    v = np.cross(w, x)
+    v[4:] = np.cross([1.0, 2.0, 3.0], x[4:])
+    weights = Balls((0,), [0.1]).turning(bodies, jnp.asarray(x), jnp.asarray(normal))
+    np.testing.assert_allclose(weights @ v, np.cross(w, -0.1 * normal), atol=1e-15)

@@ -1,0 +1,233 @@
+"""The constraints of one step with coupled nodes: rigid struts and bodies, ground, and struts that touch each other.
+
+Unknown are the velocities of the independent nodes; points of bodies follow them.
+"""
+
+from typing import Any, NamedTuple, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxgrity.core.primitives import edge_vectors, place_rows
+from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
+from jaxgrity.model.body_points import carrying, following, independent_nodes
+from jaxgrity.model.capsules import Capsules
+from jaxgrity.model.ground import ExactGround
+from jaxgrity.model.inertia import mobility
+from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
+from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.surface import Frame, frame_axes
+from jaxgrity.stepping.blocks import WITHOUT_GROUND
+from jaxgrity.stepping.capsules import TouchingPoints, capsules_of, ends_of, of_points, weights_of
+from jaxgrity.stepping.constraints import exact_ground
+from jaxgrity.stepping.entering import Met, closing_speed, where_met
+from jaxgrity.stepping.ground_response import SLOWEST, Contact
+from jaxgrity.stepping.strut_contacts import StrutContacts, TouchingStruts, points_between
+
+NEVER = 1e6
+"""Speed, m/s for a body of one metre. A node that is fixed in all directions touches the ground only if it moves down
+at this speed. It never does, so the ground does not act on it."""
+SLOW = 1e-2
+"""Speed, m/s for a body of one metre. The tolerance of contacts is a share of the robot's largest speed plus this one,
+since a robot at rest needs a tolerance too."""
+
+
+class Constraints(NamedTuple):
+    """The constraints of one step on the independent nodes, here called nodes."""
+
+    mobility: AnyArray
+    """(nodes, nodes, 3), 1/kg"""
+    start: NodeVectors
+    """w0, m/s: velocities without impulses"""
+    ends: AnyArray
+    """(struts, nodes): by how much each node moves the first end of a rigid strut against the second"""
+    apart: Any
+    """(struts, 3), (x_i - x_j)/h of the rigid struts, m/s; None: there are none"""
+    goal: Any
+    """(struts,), L/h, m/s; likewise"""
+    contact: Contact | None
+    """c, m/s, and mu"""
+    frame: AnyArray
+    """(contacts, 3, 3): the ground's normal and tangents at each node, or ball"""
+    weights: AnyArray | None
+    """(contacts, 3, nodes): the share of each node in the motion of a contact along its three axes; None: all nodes
+    themselves touch, and nothing else does"""
+    speed: Scalar
+    """m/s, of which tolerances are a share"""
+
+
+def constraints_of(
+    scene: Scene, times: tuple[Scalar, Scalar], state: State, start: NodeVectors, touching: TouchingStruts
+) -> Constraints:
+    """The constraints of a step of size h that ends at t1 (`times`, s), from `state`, q (m) and v (m/s); `start` is w0
+    (m/s) of all nodes.
+
+    `touching`: the points of struts that may touch the ground, or each other.
+    """
+    (h, t1), (q, _) = times, state
+    structure, nodes = scene.structure, moving_nodes(scene)
+    own = mobility(structure) if structure.mobility is None else structure.mobility
+    own = own if len(nodes) == len(q) else own[nodes[:, None], nodes]
+    edges, apart, goal = rigid_pairs(scene), None, None
+    if edges:
+        apart, goal = edge_vectors(placed_by_bodies(scene, q), edges) / h, rigid_lengths(scene, t1) / h
+    slow = jnp.asarray(SLOW * speed_scale(scene), q.dtype)
+    return Constraints(
+        own,
+        start[nodes],
+        jnp.asarray(_carried(scene, _signs(scene)), q.dtype),
+        apart,
+        goal,
+        *_contacts(scene, h, state, touching),
+        jnp.max(jnp.abs(start)) + slow,
+    )
+
+
+def moving_nodes(scene: Scene) -> np.ndarray:
+    """The independent nodes."""
+    return np.array(independent_nodes(scene.structure.bodies, len(scene.structure.nodes)))
+
+
+def contact_nodes(scene: Scene) -> np.ndarray:
+    """The nodes that can touch exact ground: all, or those of balls. Without ground the independent nodes are taken for
+    contacts, since these are the unknowns of a solve."""
+    ground = exact_ground(scene)
+    if ground is None:
+        return np.zeros(0, int) if points_between(scene) else moving_nodes(scene)
+    return np.arange(len(scene.structure.nodes)) if ground.balls is None else np.array(ground.balls.nodes)
+
+
+def placed_by_bodies(scene: Scene, q: NodeVectors) -> NodeVectors:
+    """q, m, with the points that follow others at their places."""
+    return following(scene.structure.bodies, q) if scene.structure.bodies else q
+
+
+def velocities_of_all(scene: Scene, h: Scalar, q: NodeVectors, w: NodeVectors) -> NodeVectors:
+    """m/s, in a step of h (s) from q (m), of all nodes, from those of the independent ones.
+
+    What follows the basic points of a body is led back to its place, so that roundings do not add up.
+    """
+    bodies, nodes = scene.structure.bodies, moving_nodes(scene)
+    if len(nodes) == len(q):
+        return w
+    w = place_rows(w, tuple(nodes.tolist()), len(q))
+    return following(bodies, w) + (following(bodies, q) - q) / h
+
+
+def _signs(scene: Scene) -> np.ndarray:
+    """(struts, all nodes): 1 and -1 at the ends of what keeps its length."""
+    edges = np.array(rigid_pairs(scene), int).reshape(-1, 2)
+    signs, rows = np.zeros((len(edges), len(scene.structure.nodes))), np.arange(len(edges))
+    signs[rows, edges[:, 0]], signs[rows, edges[:, 1]] = 1, -1
+    return signs
+
+
+def _carried(scene: Scene, weights: AnyArray) -> AnyArray:
+    """Weights of all nodes, (..., nodes), as weights of the independent ones."""
+    if len(moving_nodes(scene)) == weights.shape[-1]:
+        return weights
+    return weights @ carrying(scene.structure.bodies, weights.shape[-1])
+
+
+def _contacts(
+    scene: Scene, h: Scalar, state: State, touching: TouchingStruts
+) -> tuple[Contact | None, AnyArray, AnyArray | None]:
+    """Contacts, frames and weights."""
+    q, v = state
+    ground, structure, rows = exact_ground(scene), scene.structure, contact_nodes(scene)
+    speed, size = speed_scale(scene), length_scale(scene)
+    # velocities are compared with it that are multiplied by roots of masses
+    least = jnp.asarray(jnp.square(SLOWEST * speed) * mass_scale(scene), q.dtype)
+    axes, contact = Frame(WITHOUT_GROUND[0], WITHOUT_GROUND[1:]), None
+    if ground is not None:
+        never = np.where(structure.free.any(1), 0.0, NEVER).astype(q.dtype) * speed
+        mu = None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
+        met = _met(ground, size, h, (q, v))
+        axes = met.frame
+        if ground.balls is not None:
+            never, mu = never[rows], mu if mu is None or mu.ndim == 0 else mu[rows]
+        closing = closing_speed(ground, size, h, v if ground.balls is None else v[rows], met)
+        contact = Contact(closing - never, mu, None, least)
+    columns = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), (len(rows), 3)) for axis in (axes.normal, *axes.tangents)]
+    frame: AnyArray = jnp.stack(columns, axis=1)
+    if contact is not None and len(moving_nodes(scene)) < len(q):
+        back = ((placed_by_bodies(scene, q) - q) / h)[rows]
+        contact = contact._replace(closing=contact.closing - jnp.sum(frame[:, 0] * back, axis=1))
+    weights = _weights_of_nodes(scene, q, frame)
+    if contact is not None and touching.ground is not None:
+        contact, frame, weights = _and_struts(scene, h, v, touching.ground, contact, frame, weights)
+    if touching.each_other is not None:
+        contact = Contact(jnp.zeros(0, q.dtype), None, None, least) if contact is None else contact
+        contact, frame, weights = _and_between(scene, h, touching.each_other, contact, frame, weights)
+    return contact, frame, weights
+
+
+def _weights_of_nodes(scene: Scene, q: NodeVectors, frame: AnyArray) -> AnyArray | None:
+    """`Constraints.weights` of nodes and balls."""
+    ground, rows, nodes = exact_ground(scene), contact_nodes(scene), moving_nodes(scene)
+    balls = None if ground is None else ground.balls
+    if balls is None and np.array_equal(rows, nodes):
+        return None
+    own = jnp.asarray(_carried(scene, np.eye(len(q), dtype=q.dtype)[rows]), q.dtype)
+    if balls is None:
+        return jnp.stack([own] * 3, axis=1)
+    # basic points are independent
+    moved_with = own + balls.turning(scene.structure.bodies, q, frame[:, 0])[:, nodes]
+    return jnp.stack([own, moved_with, moved_with], axis=1)
+
+
+def _met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Met:
+    """The places where the nodes, or the balls, meet the ground."""
+    met = where_met(ground, size, h, *start)
+    if ground.balls is None:
+        return met
+    rows = np.array(ground.balls.nodes)
+    if ground.surface is None:
+        return met._replace(distance=met.distance[rows])
+    return jax.tree.map(lambda x: x[rows], met)
+
+
+def _and_struts(
+    scene: Scene,
+    h: Scalar,
+    v: NodeVectors,
+    touching: TouchingPoints,
+    contact: Contact,
+    frame: AnyArray,
+    weights: AnyArray | None,
+) -> tuple[Contact, AnyArray, AnyArray]:
+    """The contacts of nodes, or balls, and after them those of struts between their ends."""
+    ground, capsules, size = cast(ExactGround, scene.ground), cast(Capsules, capsules_of(scene)), length_scale(scene)
+    nodes, (i, j) = len(v), ends_of(capsules)
+    closing = closing_speed(ground, size, h, of_points(touching, capsules, v), touching.met)
+    moves = touching.found & np.asarray(scene.structure.free.any(1))[[i, j]].any(0)
+    closing = jnp.where(moves, closing, -NEVER * speed_scale(scene))
+    mu, each = contact.mu, None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
+    if each is not None and each.ndim:
+        mu = jnp.concatenate([jnp.asarray(mu), each[i] + touching.share * (each[j] - each[i])])
+    contact = contact._replace(closing=jnp.concatenate([contact.closing, closing]), mu=mu)
+    more = _carried(scene, weights_of(touching, capsules, nodes))
+    return contact, *_with_points(frame, weights, frame_axes(touching.met.frame), more)
+
+
+def _and_between(
+    scene: Scene, h: Scalar, between: StrutContacts, contact: Contact, frame: AnyArray, weights: AnyArray | None
+) -> tuple[Contact, AnyArray, AnyArray]:
+    """The contacts with the ground, and after them those of struts with each other."""
+    closing = jnp.where(between.found, -between.gap / h, -NEVER * speed_scale(scene))
+    mu = contact.mu
+    if scene.friction is not None and jnp.ndim(each := jnp.asarray(scene.friction.sliding_mu)):
+        mu = jnp.concatenate([jnp.asarray(mu), jnp.abs(between.weights) @ each / 2])
+    contact = contact._replace(closing=jnp.concatenate([contact.closing, closing.astype(frame.dtype)]), mu=mu)
+    return contact, *_with_points(frame, weights, between.axes, _carried(scene, between.weights))
+
+
+def _with_points(
+    frame: AnyArray, weights: AnyArray | None, axes: AnyArray, more: AnyArray
+) -> tuple[AnyArray, AnyArray]:
+    """Frames and weights, with those of points that move by `more` of the nodes."""
+    if weights is None:
+        weights = jnp.stack([jnp.eye(more.shape[1], dtype=frame.dtype)[: len(frame)]] * 3, axis=1)
+    return jnp.concatenate([frame, axes]), jnp.concatenate([weights, jnp.stack([more] * 3, axis=1)])

@@ -1,0 +1,124 @@
+"""Parts that only cables join: solved apart, they move as they do when all is solved together."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+
+from jaxgrity import (
+    ConeFriction,
+    ExactGround,
+    Members,
+    Scene,
+    SolverOptions,
+    Structure,
+    edge_lengths,
+    final_state,
+    simulate,
+)
+from jaxgrity.model import Balls, rigid_body
+from jaxgrity.stepping import resolve
+from jaxgrity.stepping.separate_parts import separate_parts
+
+G = 9.81
+OPTIONS = SolverOptions(dt=5e-3, any_step=True)
+
+
+def crossed(third: bool = False, balls: bool = False) -> Scene:
+    """Two crossed rods with mass in a net of cables, low above rough ground; and a pyramid that hangs between them."""
+    nodes = [[0, 0, 0.05], [1, 0.1, 0.6], [1, 0.9, 0.02], [0.1, 1, 0.7]]
+    cables, bodies = [(0, 2), (0, 3), (1, 2), (1, 3)], ()
+    if third:
+        nodes += [[0.5, 0.5, 0.3], [0.7, 0.5, 0.3], [0.5, 0.7, 0.3], [0.55, 0.55, 0.5], [0.6, 0.6, 0.25]]
+        cables += [(0, 4), (1, 5), (2, 6), (3, 7), (2, 8)]
+    x = np.array(nodes, float)
+    if third:
+        bodies = (rigid_body(x, range(4, 9), 0.4, [2e-3, 2e-3, 2e-3], x[4:8].mean(0)),)
+    struts = Members(((0, 1), (2, 3)), None, edge_lengths(x, ((0, 1), (2, 3))), mass=[1.0, 0.6])
+    net = Members(tuple(cables), [300.0] * len(cables), 0.9 * edge_lengths(x, tuple(cables)), [2.0] * len(cables))
+    touching = Balls((0, 1, 2, 3, 8), [0.0, 0.03, 0.02, 0.0, 0.04]) if balls else None
+    return Scene(
+        Structure(x, np.zeros(len(x)), struts, net, bodies=bodies),
+        G,
+        ground=ExactGround(balls=touching),
+        friction=ConeFriction(0.4),
+    )
+
+
+def undivided(scene: Scene) -> Scene:
+    """The same with a mass of 0 of its cables, for which no part is separate."""
+    cables = dataclasses.replace(scene.structure.cables, mass=np.zeros(len(scene.structure.cables.edges)))
+    return dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, cables=cables))
+
+
+def test_parts_are_what_bodies_and_rigid_struts_join():
+    """Alike ones are together; supports are no parts; all is one part where all is joined."""
+    two, three = (separate_parts(crossed(third)) for third in (False, True))
+    assert [alike.nodes.tolist() for alike in two] == [[[0, 1], [2, 3]]]
+    assert [alike.nodes.shape for alike in three] == [(2, 2), (1, 4)]
+    assert [alike.contacts.shape for alike in three] == [(2, 2), (1, 5)]
+    assert separate_parts(undivided(crossed())) is None
+    apart = Structure(np.eye(3), np.ones(3), fixed=((2, "xyz"),))
+    (points,) = separate_parts(Scene(apart, G, ground=ExactGround()))
+    assert points.nodes.tolist() == [[0], [1]]
+    assert separate_parts(Scene(dataclasses.replace(apart, fixed=((2, "xyz"), (1, "xyz"))), G)) is None
+    joined = dataclasses.replace(crossed().structure, fixed=((2, "xyz"), (3, "xyz")))
+    assert separate_parts(dataclasses.replace(crossed(), structure=joined)) is None
+
+
+@pytest.mark.parametrize(
+    ("third", "balls", "fixed"),
+    [
+        (False, False, ()),
+        pytest.param(True, False, (), marks=pytest.mark.slow),
+        pytest.param(True, True, (), marks=pytest.mark.slow),
+        pytest.param(False, False, ((1, "xyz"),), marks=pytest.mark.slow),
+        pytest.param(True, False, ((0, "xz"), (7, "y")), marks=pytest.mark.campaign),
+    ],
+)
+def test_parts_apart_move_as_all_together(third, balls, fixed):
+    """They fall, hit the ground, slide and stick: to rounding."""
+    scene = crossed(third, balls)
+    if fixed:
+        x = scene.structure.nodes
+        bodies = tuple(rigid_body(x, range(4, 9), 0.4, [2e-3] * 3, x[4:8].mean(0), basic=(7,)) for _ in range(third))
+        scene = dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, fixed=fixed, bodies=bodies))
+    assert separate_parts(scene) is not None
+    apart, together = (simulate(each, 0.4, options=OPTIONS) for each in (scene, undivided(scene)))
+    assert not apart.failed
+    moved = np.abs(np.asarray(apart.positions) - np.asarray(apart.positions)[0]).max()
+    assert moved > 0.02
+    np.testing.assert_allclose(apart.positions, together.positions, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(apart.velocities, together.velocities, rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("third", [False, True])
+def test_derivatives_through_parts_are_those_of_differences(third):
+    """In reverse mode, of a place on the ground, in friction and in a cable's rest length."""
+    scene = crossed(third)
+    options = resolve(scene, 0.2, OPTIONS)
+
+    def end(x):
+        there = lambda s: (s.friction.mu, s.structure.cables.rest_length)  # noqa: E731
+        changed = eqx.tree_at(there, scene, (x[0], scene.structure.cables.rest_length + x[1]))
+        return final_state(changed, 0.2, options)[0][2, 0]
+
+    at, steps = np.array([0.4, 0.0]), 1e-5 * np.eye(2)
+    found = jax.grad(end)(at)
+    differences = [(float(end(at + step)) - float(end(at - step))) / 2e-5 for step in steps]
+    assert min(map(abs, differences)) > 1e-4
+    np.testing.assert_allclose(found, differences, rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_parts_stay_in_single_precision():
+    single, double = (
+        simulate(crossed(third=True), 0.2, options=dataclasses.replace(OPTIONS, dtype=dtype))
+        for dtype in ("float32", "float64")
+    )
+    assert str(single.positions.dtype) == "float32"
+    assert not single.failed
+    np.testing.assert_allclose(single.positions, double.positions, rtol=0, atol=1e-4)
