@@ -51,7 +51,6 @@ def jumps(
             generations=generations,
             seed=seed,
             waves="none",
-            scaled=True,
             frequency=(0.3, 4.0),
             both_models=False,
             attracting=False,

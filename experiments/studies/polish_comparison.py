@@ -67,7 +67,7 @@ def polish_comparison(
     seeds: int = 8,
     population: int = 48,
     generations: tuple[int, int] = (6, 2),
-    rollouts: int = 3072,
+    rollouts: int = 9216,
     judges: int = 128,
     final_robots: int = 64,
 ) -> Iterator[Record]:
@@ -77,7 +77,7 @@ def polish_comparison(
         seeds: searches, with seeds that nothing was tuned on
         population: gaits in a generation of the search
         generations: as in `jaxgrity search`
-        rollouts: that each way may spend, half of what a default search polishes with
+        rollouts: that each way may spend, as many as a default search polishes with
         judges: robots by which all answers are judged on each contact model
         final_robots: by which polish decides what it keeps
     """
@@ -105,7 +105,7 @@ def polish_comparison(
                 found[way] = runs_on(shaped, levels[1], shaping, rollouts, seed), {}
             else:
                 polishing = PolishConfig(rollouts, way, final_robots=final_robots)
-                found[way] = polished(shaped, wider, polishing, levels[1].options, seed)
+                found[way] = polished(shaped, wider, polishing, (levels[0].options, levels[1].options), seed)
         genes = np.stack([genes for genes, _ in found.values()])
         own, others = (judgement(shaped, level, genes, judges) for level in (levels[1], other))
         for (way, (each, more)), judged, there in zip(found.items(), own, others):
@@ -175,10 +175,14 @@ def words(record: Record) -> str:
 
 
 def polished(
-    problem: SearchProblem, genes: np.ndarray, config: PolishConfig, options: SolverOptions, seed: int
+    problem: SearchProblem,
+    genes: np.ndarray,
+    config: PolishConfig,
+    options: tuple[SolverOptions, SolverOptions],
+    seed: int,
 ) -> tuple[np.ndarray, Record]:
-    """The genes at which polish ends, and what is said of it."""
-    found = polish(problem, genes[None], config, options=options, final_options=options, seed=seed)
+    """The genes at which polish ends, and what is said of it; options of its climb, and of its comparison."""
+    found = polish(problem, genes[None], config, options=options[0], final_options=options[1], seed=seed)
     return np.asarray(found.genes), {"kept": found.improved, "spent": found.rollouts}
 
 

@@ -108,7 +108,8 @@ def standstill_words(scene: Scene, config: SearchConfig) -> str:
     """That the objective counts time before the gait is in full swing, in words; none where it does not."""
     if scene.gait is None or not config.objective.steady:
         return ""
-    late = late_words(float(scene.gait.start + scene.gait.ramp), config.duration)
+    ramp = scene.gait.ramp if config.ramp is None else config.ramp
+    late = late_words(float(scene.gait.start + ramp), config.duration)
     return f"The objective {late}.\n\n" if late else ""
 
 

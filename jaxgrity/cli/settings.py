@@ -127,8 +127,10 @@ class SearchSettings:
     """bounds of each member's amplitude; None: the amplitudes of the scene's gait are kept"""
     frequency: tuple[float, float] | None = (0.3, 1.6)
     """bounds of the gait's frequency, Hz; None: the frequency of the scene's gait is kept"""
-    scaled: bool = False
-    """scale amplitudes down to the bound on the rate; by default gaits beyond the bound are discarded"""
+    ramp: float | None = 0.75
+    """time in which gaits reach their full amplitude, s; None: that of the scene's gait"""
+    scaled: bool = True
+    """scale amplitudes down to the bound on the rate, ramp included; otherwise discard gaits beyond the bound"""
     overtones: int = 0
     """number of overtones in each member's Fourier series"""
     waves: Literal["every", "axis", "none"] = "every"
@@ -145,7 +147,7 @@ class SearchSettings:
     """number of actuated members; the search also chooses which, and gaits are no waves; None: all of them"""
     polish: Literal["smoothed", "pathwise", "combined", "orbit"] = "smoothed"
     """gradient for polishing"""
-    polish_rollouts: int = 6144
+    polish_rollouts: int = 9216
     """number of simulations that polishing may use; 0: no polish"""
     polish_overtones: int = 4
     """number of overtones that polishing adds to gaits that are waves; at least those of the search; none if the gait

@@ -1,6 +1,8 @@
 """Gaits: rest lengths of the actuated members as periodic functions of time. A `Motor` (`motors.py`) is something else:
 it winds one member towards commanded lengths."""
 
+from types import ModuleType
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -136,12 +138,27 @@ def contraction(gait: Actuation, t: Scalar) -> PerActuator:
         return c0 + (c1 - c0) * ((t - t0) / (t1 - t0))
     r = _ramp(gait, t)
     angle = 2 * jnp.pi * t * gait.frequency
-    wave = jnp.sin(angle + gait.phase)
+    return gait.amplitude / 2 * r * (1 + _wave(gait, angle, jnp))
+
+
+def _wave(gait: Gait, angle: AnyArray, xp: ModuleType) -> AnyArray:
+    """s, from -1 to 1, at an angle 2 pi f t, rad."""
+    wave = xp.sin(angle + gait.phase)
     if gait.overtones:
         for h, overtone in enumerate(gait.overtones, start=2):
-            wave = wave + overtone.size * jnp.sin(h * angle + overtone.phase)
+            wave = wave + overtone.size * xp.sin(h * angle + overtone.phase)
         wave = wave / (1 + sum(overtone.size for overtone in gait.overtones))
-    return gait.amplitude / 2 * r * (1 + wave)
+    return wave
+
+
+def _wave_slope(gait: Gait, angle: AnyArray, xp: ModuleType) -> AnyArray:
+    """The derivative of `_wave` in the angle."""
+    slope = xp.cos(angle + gait.phase)
+    if gait.overtones:
+        for h, overtone in enumerate(gait.overtones, start=2):
+            slope = slope + h * overtone.size * xp.cos(h * angle + overtone.phase)
+        slope = slope / (1 + sum(overtone.size for overtone in gait.overtones))
+    return slope
 
 
 def _ramp(gait: Gait, t: Scalar) -> Scalar:
@@ -237,19 +254,40 @@ def peak_rates(gait: Gait, rest_lengths: PerMember) -> PerActuator:
     """
     steepest: PerActuator | float = 1.0
     if gait.overtones:
-        xp, samples = namespace_of(gait.phase), max(SAMPLES, SAMPLES_OF_A_SINE * (1 + len(gait.overtones)))
-        angles = np.linspace(0, 2 * np.pi, samples, endpoint=False).reshape(-1, *[1] * np.ndim(gait.phase))
-        angles = angles.astype(gait.phase.dtype)
-        slope = xp.cos(angles) + 0 * gait.phase
-        for h, overtone in enumerate(gait.overtones, start=2):
-            slope = slope + h * overtone.size * xp.cos(h * angles + overtone.phase - h * gait.phase)
-        size = abs(slope)
-        before, after = xp.roll(size, 1, axis=0), xp.roll(size, -1, axis=0)
-        bend = 2 * size - before - after
-        top = (size >= before) & (size >= after) & (bend > 0)
-        peaks = size + xp.where(top, (after - before) ** 2 / (8 * xp.where(top, bend, 1)), 0)
-        steepest = peaks.max(0) / (1 + sum(overtone.size for overtone in gait.overtones))
+        xp = namespace_of(gait.phase)
+        size = abs(_wave_slope(gait, _samples(gait) - gait.phase, xp))
+        steepest = _highest(xp.concatenate([size[-1:], size, size[:1]]))
     return rest_lengths * gait.amplitude * np.pi * gait.frequency * steepest
+
+
+def ramp_rates(gait: Gait, rest_lengths: PerMember) -> PerActuator:
+    """Largest |dL/dt| of each actuated member in the gait's ramp, m/s; also for a population.
+
+    It is that of L0 delta/2 |r' (1 + s) + r 2 pi f s'|. Of all moments of the ramp at which the wave has one angle, the
+    last has the largest rate. So samples of the last period are enough. `rest_lengths` are L0, (actuators,), m.
+    """
+    xp = namespace_of(gait.phase)
+    turn = 2 * np.pi * xp.maximum(gait.frequency, np.finfo(gait.phase.dtype).eps)
+    before = xp.minimum(_samples(gait), turn * gait.ramp)  # the end of the ramp, and within the ramp
+    r, angle = 1 - before / (turn * gait.ramp), turn * (gait.start + gait.ramp) - before
+    rate = (1 + _wave(gait, angle, xp)) / gait.ramp + r * turn * _wave_slope(gait, angle, xp)
+    return rest_lengths * gait.amplitude / 2 * _highest(abs(rate))
+
+
+def _samples(gait: Gait) -> AnyArray:
+    """Angles of a period, rad, from 0 on, fine enough for the highest overtone: a row for each."""
+    count = max(SAMPLES, SAMPLES_OF_A_SINE * (1 + len(gait.overtones)))
+    angles = np.linspace(0, 2 * np.pi, count, endpoint=False).astype(gait.phase.dtype)
+    return angles.reshape(-1, *[1] * np.ndim(gait.phase))
+
+
+def _highest(size: AnyArray) -> AnyArray:
+    """The largest along the first axis; between samples, that of a parabola through three of them."""
+    xp, before, here, after = namespace_of(size), size[:-2], size[1:-1], size[2:]
+    bend = 2 * here - before - after
+    top = (here >= before) & (here > after)
+    peaks = here + xp.where(top, (after - before) ** 2 / (8 * xp.where(top, bend, 1)), 0)
+    return xp.maximum(peaks.max(0), xp.maximum(size[0], size[-1]))
 
 
 def actuated_lengths(structure: Structure, members: tuple[int, ...]) -> PerMember:

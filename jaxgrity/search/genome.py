@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import check_count
+from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, namespace_of
-from jaxgrity.model.actuation import Gait, Overtone, peak_rates, waves_ahead
+from jaxgrity.model.actuation import Gait, Overtone, peak_rates, ramp_rates, waves_ahead
 from jaxgrity.model.waves import TravellingWave
 from jaxgrity.populations.population import gaits_of
 
@@ -32,7 +32,8 @@ class Genome(eqx.Module):
     wave.
 
     Let theta be the angle of a member's first sine, phase included. Overtone h is a sin(h theta) + b cos(h theta). So a
-    phase moves the wave and keeps its shape. Unlike a size and a phase, the coefficients are smooth at zero.
+    phase moves the wave and keeps its shape. Unlike a size and a phase, the coefficients are smooth at zero. They go up
+    to 1/h of the first sine, so that equal genes of all overtones change the actuators' rate alike.
     """
 
     actuators: int = eqx.field(static=True)
@@ -41,7 +42,7 @@ class Genome(eqx.Module):
     frequency: tuple[float, float] | None = eqx.field(static=True, default=None)
     """bounds of the frequency, Hz; None: no gene"""
     overtones: int = eqx.field(static=True, default=0)
-    """number of overtones of each member's Fourier series, with coefficients a, b up to half of the first sine"""
+    """number of overtones of each member's Fourier series, with coefficients a, b"""
     active: int | None = eqx.field(static=True, default=None)
     """number of actuators that move: those with the highest rank; None: all"""
     images: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
@@ -49,7 +50,10 @@ class Genome(eqx.Module):
     waves: tuple[TravellingWave, ...] = eqx.field(static=True, default=())
     """travelling waves to choose from, not the ground's `Waves`; empty: actuators are independent"""
     quickest: tuple[float, ...] = eqx.field(static=True, default=())
-    """bound on |dL/dt| / L0 of each actuator, 1/s, to which amplitudes are scaled down; empty: no scaling"""
+    """bound on |dL/dt| / L0 of each actuator, 1/s, ramp included, to which amplitudes are scaled down, in a wave alike;
+    empty: no scaling"""
+    ramp: float | None = eqx.field(static=True, default=None)
+    """time in which gaits reach their full amplitude, s; None: that of the scene's gait"""
 
     def __check_init__(self):
         for name, top in (("amplitude", 1.0), ("frequency", math.inf)):
@@ -58,6 +62,8 @@ class Genome(eqx.Module):
                 raise InputError(f"{name} = {bounds}: expected two ascending bounds from 0 on, below {top:g}")
         check_count("actuators", self.actuators, 1)
         check_count("overtones", self.overtones, 0)
+        if self.ramp is not None:
+            check_number("ramp", self.ramp, above=0.0, unit="s")
         if self.quickest and (len(self.quickest) != self.actuators or not min(self.quickest) > 0):
             raise InputError(f"quickest = {self.quickest}: expected {self.actuators} positive numbers")
         if len({wave.groups for wave in self.waves}) > 1 or any(len(w.groups) != self.actuators for w in self.waves):
@@ -119,13 +125,15 @@ class Genome(eqx.Module):
         if self.frequency:
             frequency = xp.broadcast_to(_between(self.frequency, parts["frequency"]), parts["phase"].shape)
         gaits = gaits_of(gait, 2 * np.pi * parts["phase"], amplitude, frequency)
+        if self.ramp is not None:
+            gaits = eqx.tree_at(lambda g: g.ramp, gaits, np.asarray(self.ramp))
         if gait is not None and gait.overtones and not self.overtones:
             shaped = waves_ahead(gait, gaits.phase - gait.phase)
             phases = [xp.asarray(each.phase, gaits.phase.dtype) for each in shaped.overtones]
             gaits = eqx.tree_at(lambda g: [each.phase for each in g.overtones], gaits, phases)
         if self.overtones:
             extra = tuple(
-                _overtone(h, gaits.phase, parts[f"sine {h}"] - 0.5, parts[f"cosine {h}"] - 0.5)
+                _overtone(h, gaits.phase, 2 / h * (parts[f"sine {h}"] - 0.5), 2 / h * (parts[f"cosine {h}"] - 0.5))
                 for h in range(2, 2 + self.overtones)
             )
             gaits = eqx.tree_at(lambda g: g.overtones, gaits, extra, is_leaf=lambda x: isinstance(x, tuple))
@@ -134,9 +142,17 @@ class Genome(eqx.Module):
             gaits = eqx.tree_at(lambda g: g.amplitude, gaits, xp.where(place < self.active, gaits.amplitude, 0))
         if self.quickest:
             most = xp.array(self.quickest, gaits.phase.dtype)
-            beyond = xp.maximum(1, peak_rates(gaits, xp.ones_like(most)) / most)
+            rates = xp.maximum(*(rate(gaits, xp.ones_like(most)) for rate in (peak_rates, ramp_rates)))
+            beyond = self._alike(xp.maximum(1, rates / most))
             gaits = eqx.tree_at(lambda g: g.amplitude, gaits, gaits.amplitude / beyond)
         return gaits
+
+    def _alike(self, each: AnyArray) -> AnyArray:
+        """The largest of each actuator's group; without waves, its own."""
+        if not self.waves:
+            return each
+        xp, groups = namespace_of(each), np.array(self.waves[0].groups)
+        return xp.stack([each[..., groups == group].max(-1) for group in range(self.groups)], axis=-1)[..., groups]
 
     def with_overtones(self, genes: Genes, overtones: int) -> tuple["Genome", Genes]:
         """The genome with at least so many overtones, and genes that encode the same gaits in it."""

@@ -252,8 +252,8 @@ def _promote(search: _Search, last: Evolution) -> Promoted:
 
 @_timed("polishing")
 def _polish(search: _Search, promoted: Promoted) -> Polished | None:
-    """The gradient stage, on the last level of the evolution; None if polish is off."""
-    config, own, done = search.config, search_levels(search.levels)[-1], 0
+    """The gradient stage, on the scene's own model; None if polish is off."""
+    config, (screening, own, *_), done = search.config, search.levels, 0
     if config.polish is None:
         return None
     search.tell(Progress("polishing", 0, None, {}))
@@ -269,8 +269,9 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         problem,
         starts,
         config.polish,
-        options=own.options,
-        # in float64, at the same step: start and end share its error, and the verdict's steps are smaller
+        # as rough as screening where that is of the scene itself, for twice as many steps
+        options=(screening if screening.scene is own.scene else own).options,
+        # in float64, at the scene's own step: start and end share its error, and the verdict's steps are smaller
         final_options=own.options,
         seed=config.seed,
         on_step=heard,

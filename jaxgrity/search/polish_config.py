@@ -24,19 +24,19 @@ cost the same, and say more of the mean speed."""
 class PolishConfig(NamedTuple):
     """Settings of polishing."""
 
-    rollouts: int = 6144
+    rollouts: int = 9216
     """budget of all steps from all starts, in rollouts of the whole duration"""
     kind: GradientKind = "smoothed"
     """gradient of the climbs: by perturbed gaits (smoothed), by derivatives of rollouts (pathwise), by both (combined),
     or that of an orbit's speed; `polish.py` compares them"""
-    samples: int = 32
+    samples: int = 24
     """number of perturbed gaits per smoothed gradient, or of robots per pathwise gradient"""
     robots: int = 8
     """number of robots that evaluate each perturbed gait"""
-    width: float = 0.012
+    width: float = 0.006
     """standard deviation of the perturbations, in turns (angles) or fractions of the bounds: the distance that a
     polished gait keeps from gaits whose robots fall"""
-    learning_rate: float = 0.018
+    learning_rate: float = 0.015
     """length of the first step, in the same unit; the last step has a fifth of it"""
     momentum: float = 0.5
     """share of the last update that the next one keeps"""

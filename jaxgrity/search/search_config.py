@@ -76,10 +76,13 @@ class SearchConfig:
     """number of actuated members; evolution also chooses which, and gaits are no waves; None: all of `members`"""
     amplitude: tuple[float, float] | None = (0.05, 0.5)
     """bounds of each member's amplitude; None: the amplitudes of the scene's gait are kept"""
-    scaled: bool = False
-    """whether amplitudes are scaled down to the bound on the rate; otherwise gaits beyond the bound are discarded"""
+    scaled: bool = True
+    """whether amplitudes are scaled down to the bound on the rate, if any, ramp included; otherwise gaits beyond the
+    bound are discarded, and only polishing looks at the ramp"""
     frequency: tuple[float, float] | None = (0.3, 1.6)
     """bounds of the gait's frequency, Hz; None: the frequency of the scene's gait is kept"""
+    ramp: float | None = 0.75
+    """time in which gaits reach their full amplitude, s; None: that of the scene's gait"""
     waves: Literal["every", "axis", "none"] = "every"
     """symmetry of the gaits (`travelling_waves`): all rotations of the robot, those about one axis (then the robot can
     turn), or none; robots without rotations have no waves, nor have searches with `active`"""
@@ -114,8 +117,9 @@ class SearchConfig:
             check_count(name, getattr(self, name), least)
         if self.active is not None:
             check_count("active", self.active, 1)
-        if self.dt is not None:
-            check_number("dt", self.dt, above=0.0, unit="s")
+        for name in ("dt", "ramp"):
+            if getattr(self, name) is not None:
+                check_number(name, getattr(self, name), above=0.0, unit="s")
 
 
 @typed
@@ -193,6 +197,7 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
         images,
         waves,
         _quickest(scene, config) if config.scaled else (),
+        config.ramp,
     )
     if config.duration <= scene.gait.start:
         begins = f"the gait begins at {float(scene.gait.start):g} s"
@@ -205,11 +210,9 @@ def genome_to_polish(problem: SearchProblem, genes: Genes, config: SearchConfig)
     """The genome in which polishing climbs, and what its first gaits' genes are there.
 
     Waves get the overtones of `config.polish`, but keep those of the scene's gait where these do not evolve. Amplitudes
-    are scaled down to the bound on the rate, so that no step leads beyond it.
+    are scaled down to the bound on the rate, so that no step leads beyond it, in the ramp neither.
     """
-    genome = problem.genome
-    if config.bounds.rate is not None:
-        genome = dataclasses.replace(genome, quickest=_quickest(problem.scene, config))
+    genome = dataclasses.replace(problem.genome, quickest=_quickest(problem.scene, config))
     assert problem.scene.gait is not None, "`search_problem` refuses a scene without a gait"
     shaped = not genome.overtones and problem.scene.gait.overtones
     overtones = 0 if config.polish is None or shaped or not genome.waves else config.polish.overtones
@@ -218,9 +221,12 @@ def genome_to_polish(problem: SearchProblem, genes: Genes, config: SearchConfig)
 
 
 def _quickest(scene: Scene, config: SearchConfig) -> tuple[float, ...]:
-    """The largest |dL/dt| / L0, 1/s, of each actuator, also of a robot whose amplitudes are as far off as can be."""
+    """The largest |dL/dt| / L0, 1/s, of each actuator, also of a robot whose amplitudes are as far off as can be.
+
+    Empty without a bound on the rate.
+    """
     if config.bounds.rate is None:
-        raise InputError("scaled: there is no bound on the rate of actuators; expected one to scale amplitudes to")
+        return ()
     assert scene.gait is not None, "`search_problem` refuses a scene without a gait"
     lengths = np.asarray(actuated_lengths(scene.structure, scene.gait.members), float)
     # no draw is at the end of its range; a certain amplitude is at the bound, where rounding would exceed it

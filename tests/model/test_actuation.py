@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import Gait, InputError
-from jaxgrity.model.actuation import Overtone, contraction, peak_rates
+from jaxgrity.model.actuation import Overtone, contraction, peak_rates, ramp_rates
 
 
 def test_peak_rates_are_those_of_the_rest_lengths():
@@ -28,6 +28,21 @@ def test_peak_rates_are_those_of_the_rest_lengths():
     np.testing.assert_allclose(peak_rates(rich, lengths), lengths * amplitude * np.pi * frequency * steepest, rtol=1e-3)
     several = jax.tree.map(lambda x: np.stack([x, x]) if np.ndim(x) else x, gait)
     np.testing.assert_array_equal(peak_rates(several, lengths), np.stack([peak_rates(gait, lengths)] * 2))
+
+
+@pytest.mark.parametrize(("start", "ramp"), [(0.3, 0.2), (1.0, 0.9), (0.0, 7.3)])
+def test_rates_in_the_ramp_are_those_of_the_rest_lengths(start, ramp):
+    """max |dL/dt| in ramps shorter and longer than a period, by small differences in time; of one gait and of many."""
+    lengths, times = np.array([1.0, 0.6, 1.0, 1.0]), np.linspace(start, start + ramp, 40001)
+    phase, frequency = np.array([0.2, 1.1, 4.0, 5.5]), np.array([0.5, 0.8, 1.3, 0.0])
+    overtones = (Overtone(np.array([0.4, 0.2, 0, 0.1]), np.array([0.3, 2.0, 1.0, 4.0])),)
+    for shape in ((), overtones):
+        gait = Gait((0, 1, 2, 3), phase, np.array([0.3, 0.1, 0.4, 0.5]), frequency, start, ramp, shape)
+        shortened = np.asarray(jax.vmap(lambda t, gait=gait: contraction(gait, t))(times))
+        steepest = lengths * np.abs(np.diff(shortened, axis=0)).max(0) / (times[1] - times[0])
+        np.testing.assert_allclose(ramp_rates(gait, lengths), steepest, rtol=1e-3)
+        several = jax.tree.map(lambda x: np.stack([x, x]) if np.ndim(x) else x, gait)
+        np.testing.assert_array_equal(ramp_rates(several, lengths), np.stack([ramp_rates(gait, lengths)] * 2))
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

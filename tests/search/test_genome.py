@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from jaxgrity import Gait, Genome, InputError, one_gait
 from jaxgrity.model import TravellingWave, gene_permutations, standing_symmetries
-from jaxgrity.model.actuation import Overtone, contraction, peak_rates
+from jaxgrity.model.actuation import Overtone, contraction, peak_rates, ramp_rates
 
 FULL = Genome(
     3, amplitude=(0.1, 0.3), frequency=(0.2, 1.0), overtones=2, active=2, images=((0, 1, 2), (1, 2, 0), (2, 0, 1))
@@ -113,13 +113,13 @@ def test_overtones_are_multiples_of_the_frequency():
 
 @given(seeds)
 def test_genes_of_overtones_are_fourier_coefficients(seed):
-    """a sin(h theta) + b cos(h theta) beside sin(theta), written out: a gene is half more than its coefficient."""
+    """a sin(h theta) + b cos(h theta) beside sin(theta), written out, with a and b between -1/h and 1/h."""
     genome = Genome(3, amplitude=(0.1, 0.3), frequency=(0.2, 1.0), overtones=2)
     genes = np.random.default_rng(seed).uniform(size=genome.size)
     parts, gaits = genome.split(genes), genome.gaits(GAIT, genes[None])
     t = 0.7
     theta = 2 * np.pi * (t * gaits.frequency[0] + parts["phase"])
-    coefficients = {name: parts[name] - 0.5 for name in ("sine 2", "cosine 2", "sine 3", "cosine 3")}
+    coefficients = {f"{name} {h}": 2 * (parts[f"{name} {h}"] - 0.5) / h for name in ("sine", "cosine") for h in (2, 3)}
     wave = np.sin(theta)
     for h in (2, 3):
         wave = wave + coefficients[f"sine {h}"] * np.sin(h * theta) + coefficients[f"cosine {h}"] * np.cos(h * theta)
@@ -253,12 +253,16 @@ def test_bad_genomes_are_refused(options, message):
 
 
 def test_amplitudes_are_scaled_down_to_the_quickest_that_members_may_move():
-    """Slow gaits stay as they are; of quick ones each member moves as quickly as it may."""
-    options = {"amplitude": (0.0, 0.6), "frequency": (0.3, 3.0), "overtones": 1}
+    """Slow gaits stay as they are; of quick ones each member moves as quickly as it may, in the ramp or after it."""
+    options = {"amplitude": (0.0, 0.6), "frequency": (0.3, 3.0), "overtones": 1, "ramp": 0.5}
     genes = np.random.default_rng(0).uniform(size=(64, Genome(3, **options).size))
     plain, scaled = (Genome(3, **options, quickest=most).gaits(GAIT, genes) for most in ((), (1.0, 0.5, 2.0)))
-    before, after = (np.asarray(peak_rates(gaits, np.ones(3))) for gaits in (plain, scaled))
+    both = [[np.asarray(rate(gaits, np.ones(3))) for rate in (peak_rates, ramp_rates)] for gaits in (plain, scaled)]
+    before, after = (np.maximum(*rates) for rates in both)
     np.testing.assert_allclose(after, np.minimum(before, [1.0, 0.5, 2.0]))
+    quick = both[0][0] > [1.0, 0.5, 2.0]
+    assert (both[0][1] > both[0][0])[quick].any()
+    assert (both[0][1] < both[0][0])[quick].any()
     slow = before < [1.0, 0.5, 2.0]
     assert 0.1 < slow.mean() < 0.9
     np.testing.assert_allclose(scaled.amplitude[slow], plain.amplitude[slow])
@@ -313,11 +317,20 @@ def test_a_wave_that_is_scaled_down_stays_one(seed):
     """Actuators that follow each other by thirds of a period keep one amplitude; none is quicker than it may."""
     wave = TravellingWave((0, 0, 0, 1, 1, 1), (0.0, 1 / 3, 2 / 3, 0.5, 5 / 6, 1 / 6))
     genome = Genome(6, (0.1, 0.6), (0.5, 3.0), overtones=1, waves=(wave,), quickest=(0.8,) * 6)
-    own = Gait(tuple(range(6)), np.zeros(6), np.full(6, 0.2), np.full(6, 0.5), start=0.0, ramp=1e-3)
+    own = Gait(tuple(range(6)), np.zeros(6), np.full(6, 0.2), np.full(6, 0.5), start=0.0, ramp=0.6)
     gaits = genome.gaits(own, np.random.default_rng(seed).uniform(size=(8, genome.size)))
     amplitudes = np.asarray(gaits.amplitude).reshape(8, 2, 3)
     np.testing.assert_allclose(amplitudes, np.broadcast_to(amplitudes[..., :1], (8, 2, 3)), rtol=1e-12)
-    assert np.asarray(peak_rates(gaits, np.ones(6))).max() <= 0.8 * (1 + 1e-12)
+    for rate in (peak_rates, ramp_rates):
+        assert np.asarray(rate(gaits, np.ones(6))).max() <= 0.8 * (1 + 1e-12)
+
+
+def test_gaits_have_the_ramp_of_the_genome():
+    """In a population and alone; without one, that of the scene's gait."""
+    genes = random_genes(0, 4)
+    assert [float(Genome(3, ramp=ramp).gaits(GAIT, genes[:, :3]).ramp) for ramp in (None, 0.4)] == [1e-3, 0.4]
+    with pytest.raises(InputError, match=r"^ramp = 0 s: expected a positive number"):
+        Genome(3, ramp=0.0)
 
 
 def test_one_wave_needs_no_gene_to_say_which():

@@ -21,7 +21,7 @@ from jaxgrity import (
     scene_text,
     with_gait,
 )
-from jaxgrity.model.actuation import actuated_lengths, peak_rates
+from jaxgrity.model.actuation import actuated_lengths, peak_rates, ramp_rates
 from jaxgrity.search import ga_configs, genome_to_polish, search_problem
 
 
@@ -45,23 +45,28 @@ def test_a_turn_is_not_its_mirror_image():
 
 
 def test_scaled_gaits_stay_within_the_bound_on_the_rate(exact):
-    """With strokes that are off by as much as they may be, too."""
-    config = SearchConfig(scaled=True, waves="none", frequency=(0.3, 3.0))
+    """From the first moment on, with strokes that are off by as much as they may be, too. Without a bound, none is."""
+    config = SearchConfig(waves="none", frequency=(0.3, 3.0))
     problem = search_problem(exact, config)
     gaits = problem.genome.gaits(exact.gait, np.random.default_rng(0).uniform(size=(64, problem.genome.size)))
-    rates = peak_rates(gaits, actuated_lengths(exact.structure, exact.gait.members))
-    assert float(rates.max()) == pytest.approx(config.bounds.rate / (1 + config.uncertainty.actuation))
+    lengths, most = actuated_lengths(exact.structure, exact.gait.members), 1 / (1 + config.uncertainty.actuation)
+    for rates in (peak_rates(gaits, lengths), ramp_rates(gaits, lengths)):
+        assert float(rates.max()) == pytest.approx(config.bounds.rate * most)
+    unbounded = search_problem(exact, SearchConfig(waves="none", frequency=(0.3, 3.0), bounds=ActuatorBounds()))
+    assert unbounded.genome.quickest == ()
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_scaled_gaits_do_not_exceed_the_bound_by_rounding(exact, dtype):
     """With certain amplitudes they are at the bound, and would rank after all gaits within it."""
-    config = SearchConfig(scaled=True, waves="none", frequency=(0.3, 3.0), uncertainty=Uncertainty(), caution=0.0)
+    config = SearchConfig(waves="none", frequency=(0.3, 3.0), uncertainty=Uncertainty(), caution=0.0)
     problem = search_problem(exact, config)
     genes = np.random.default_rng(0).uniform(size=(256, problem.genome.size)).astype(dtype)
     gaits = jax.tree.map(lambda x: np.asarray(x, dtype), problem.genome.gaits(exact.gait, genes))
-    rates = peak_rates(gaits, np.asarray(actuated_lengths(exact.structure, gaits.members), dtype)).max(-1)
-    assert np.median(rates) == pytest.approx(config.bounds.rate, rel=1e-4)
+    lengths = np.asarray(actuated_lengths(exact.structure, gaits.members), dtype)
+    rates = peak_rates(gaits, lengths).max(-1)
+    assert np.median(np.maximum(rates, ramp_rates(gaits, lengths).max(-1))) == pytest.approx(1.0, rel=1e-4)
+    assert rates.max() == pytest.approx(1.0, rel=1e-4)
     np.testing.assert_array_equal(ActuatorBounds(rate=config.bounds.rate).excess(rates, None), 0)
 
 
@@ -99,10 +104,6 @@ def test_a_wide_search_draws_many_and_goes_on_with_the_best_eighth():
         (SearchConfig(frequency=(0.0, 1.0)), r"frequency = \(0.0, 1.0\): expected bounds above 0 Hz"),
         (SearchConfig(frequency=None), "expected one that all actuators share"),
         (SearchConfig(duration=0.5), r"duration = 0.5 s: the gait begins at 1 s; expected a longer time"),
-        (
-            SearchConfig(scaled=True, frequency=(0.3, 1.0), bounds=ActuatorBounds()),
-            "scaled: there is no bound on the rate of actuators",
-        ),
         (
             SearchConfig(active=3, waves="axis", frequency=(0.3, 1.0)),
             "active = 3, waves = 'axis': all members of a wave",
