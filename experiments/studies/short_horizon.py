@@ -36,7 +36,7 @@ CASES = (
     *("exact PPO 128 0", "exact short-horizon 128 0", "exact short-horizon 512 0", "exact short-horizon 512 1"),
     *("penalty PPO 128 0", "penalty short-horizon 128 0"),
 )
-"""A few minutes of processor time in all. Gradients through the motion need more robots than PPO does."""
+"""Some minutes of processor time in all."""
 POINTS = 50
 """Points of a learning curve in the record, at least."""
 FITS = 16
@@ -125,7 +125,7 @@ def learned(
         spent += time.process_time() - began
         curve.append((spent, float(told["progress"])))
         norms.append(float(told.get("norm", np.nan)))
-    return now.policy, curve, None if method == PPO else [float(np.median(norms)), float(np.max(norms))]
+    return now.policy, curve, None if method == PPO else [float(np.nanmedian(norms)), float(np.nanmax(norms))]
 
 
 def with_short_horizon(env: Environment, now: Learner, config: LearningConfig) -> tuple[Learner, Callable]:
@@ -185,14 +185,21 @@ def improved(env: Environment, config: LearningConfig, now: Learner) -> tuple[Le
     slope = jax.lax.pmean(slope, AXIS)
     norm = optax.global_norm(slope)
     of_actor, of_values = now.moments
-    step, of_actor = optimiser().update(slope, of_actor)
-    actor = eqx.apply_updates(actor_of(now), jax.tree.map(lambda x: -RATE * x, step))
+    step, moved = optimiser().update(slope, of_actor)
+    climbed = eqx.apply_updates(actor_of(now), jax.tree.map(lambda x: -RATE * x, step)), moved
+    # derivatives of a failed rollout are not finite: such an update leaves the policy as it is
+    kept, rest = eqx.partition((actor_of(now), of_actor), eqx.is_array)
+    chosen = jax.tree.map(lambda a, b: jnp.where(jnp.isfinite(norm), a, b), eqx.filter(climbed, eqx.is_array), kept)
+    actor, of_actor = eqx.combine(chosen, rest)
     _, targets = advantages(config, now._replace(policy=wide(now.policy)), tried)
     critic, of_values = fitted(now, tried.seen, targets, of_values)
     policy = eqx.tree_at(lambda p: p.network, now.policy, actor.network)
     after = now._replace(policy=policy, spread=actor.spread, critic=critic, moments=(of_actor, of_values))
     after = with_observations(after, tried.seen[..., :-2])._replace(states=states, ages=ages, key=key)
-    return after, {"progress": jax.lax.pmean(tried.reward.mean(), AXIS), "norm": norm}
+    return after, {
+        "progress": jax.lax.pmean(tried.reward.mean(), AXIS),
+        "norm": jnp.where(jnp.isfinite(norm), norm, jnp.nan),
+    }
 
 
 def rolled(actor: Actor, env: Environment, config: LearningConfig, now: Learner, key: Any):

@@ -482,13 +482,6 @@ def test_gradients_through_the_motion_are_compared_with_ppo(tmp_path):
 
 
 @pytest.mark.campaign
-def test_frames_of_observations_are_compared(tmp_path):
-    """Quick size: a row for each frame."""
-    facts = quick("turned_frame", tmp_path)
-    assert "| wanted direction | 0 | " in words("turned_frame", facts)
-
-
-@pytest.mark.campaign
 def test_learning_by_brax_needs_brax_and_leaves_a_table(tmp_path):
     """With it the quick size makes a table; without it there is one clear line."""
     if importlib.util.find_spec("brax") is None:
