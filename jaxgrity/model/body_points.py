@@ -24,7 +24,7 @@ from jaxgrity.core.types import (
 from jaxgrity.model.bodies import Bodies, Body
 
 
-class Group(NamedTuple):
+class Stack(NamedTuple):
     """The bodies with the same number of basic points."""
 
     bodies: Bodies
@@ -46,7 +46,7 @@ class Group(NamedTuple):
         return _joined(self.bodies, lambda body: body.weights)
 
 
-def groups_of(bodies: Bodies) -> list[Group]:
+def stacks_of(bodies: Bodies) -> list[Stack]:
     """The bodies by their number of basic points."""
     groups = []
     for count in sorted({len(body.basic) for body in bodies}):
@@ -54,13 +54,13 @@ def groups_of(bodies: Bodies) -> list[Group]:
         carried = tuple(k for body in alike for k in body.carried)
         carriers = [body.basic for body in alike for _ in body.carried]
         basic = np.array([body.basic for body in alike])
-        groups.append(Group(alike, basic, carried, np.array(carriers, int).reshape(-1, count)))
+        groups.append(Stack(alike, basic, carried, np.array(carriers, int).reshape(-1, count)))
     return groups
 
 
 def lumped(bodies: Bodies, nodes: int) -> AnyPerNode | float:
     """kg at each node, some maybe negative: the bodies' part in weight, momentum and centre of mass."""
-    shares = [(group.matrix.sum(2).ravel(), group.basic) for group in groups_of(bodies)]
+    shares = [(group.matrix.sum(2).ravel(), group.basic) for group in stacks_of(bodies)]
     return sum((place_rows(share, _numbers(basic), nodes) for share, basic in shares), 0.0)
 
 
@@ -82,7 +82,7 @@ def independent_nodes(bodies: Bodies, nodes: int) -> tuple[int, ...]:
 
 def carrying(bodies: Bodies, nodes: int) -> AnyArray:
     """N, (nodes, independent nodes): the weights of independent nodes in every node's position."""
-    free, groups = np.array(independent_nodes(bodies, nodes)), groups_of(bodies)
+    free, groups = np.array(independent_nodes(bodies, nodes)), stacks_of(bodies)
     dtype = bodies[0].weights.dtype if bodies else float  # float64 would spread from here
     rows: AnyArray = np.eye(nodes, dtype=dtype)[:, free]
     column = np.cumsum(np.isin(np.arange(nodes), free)) - 1
@@ -97,7 +97,7 @@ def carrying(bodies: Bodies, nodes: int) -> AnyArray:
 
 def following(bodies: Bodies, x: NodeVectors) -> NodeVectors:
     """Positions, or velocities, with the bodies' other points from the basic ones."""
-    for group in groups_of(bodies):
+    for group in stacks_of(bodies):
         if group.carried:
             parts = scale(take_rows(x, _numbers(group.carriers)), _flat(group.weights, x))
             there = place_rows(parts, _owners(group), len(group.carried))
@@ -107,7 +107,7 @@ def following(bodies: Bodies, x: NodeVectors) -> NodeVectors:
 
 def onto_basic(bodies: Bodies, forces: NodeVectors) -> NodeVectors:
     """The transpose of `following`: equivalent forces at basic points alone."""
-    for group in groups_of(bodies):
+    for group in stacks_of(bodies):
         if group.carried:
             there = take_rows(forces, group.carried)
             forces = forces - place_rows(there, group.carried, len(forces))
@@ -119,7 +119,7 @@ def onto_basic(bodies: Bodies, forces: NodeVectors) -> NodeVectors:
 def energy_of_bodies(bodies: Bodies, v: NodeVectors) -> Scalar | float:
     """T = 1/2 sum_ab m_ab v_a·v_b over all bodies, J."""
     total: Scalar | float = 0.0
-    for group in groups_of(bodies):
+    for group in stacks_of(bodies):
         count = group.basic.shape[1]
         first, second = np.repeat(group.basic, count, axis=1), np.tile(group.basic, (1, count))
         products = dot(take_rows(v, _numbers(first)), take_rows(v, _numbers(second)))
@@ -148,7 +148,7 @@ def _numbers(nodes: np.ndarray) -> tuple[int, ...]:
     return tuple(nodes.ravel().tolist())
 
 
-def _owners(group: Group) -> tuple[int, ...]:
+def _owners(group: Stack) -> tuple[int, ...]:
     """The number of the carried point, once for each node that it follows."""
     return _numbers(np.repeat(np.arange(len(group.carried)), group.carriers.shape[1]))
 

@@ -264,14 +264,13 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         search.tell(Progress("polishing", done, None, {"fitness": step.fitness}))
 
     genome, starts = genome_to_polish(search.problem, promoted.genes, config)
-    problem = search.unmeasured._replace(genome=genome)
+    problem, rough = search.unmeasured._replace(genome=genome), screening if screening.scene is own.scene else own
     found = polish(
         problem,
         starts,
         config.polish,
-        # as rough as screening where that is of the scene itself, for twice as many steps
-        options=(screening if screening.scene is own.scene else own).options,
-        # in float64, at the scene's own step: start and end share its error, and the verdict's steps are smaller
+        # where screening is of the scene itself, its step buys twice as many; start and end share that of the scene
+        options=rough.options,
         final_options=own.options,
         seed=config.seed,
         on_step=heard,

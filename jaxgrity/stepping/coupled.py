@@ -30,7 +30,6 @@ from jaxgrity.stepping.coupled_problem import (
     Elimination,
     acted_on,
     contact_of,
-    directions,
     eliminated,
     from_frames,
     in_frames,
@@ -39,6 +38,7 @@ from jaxgrity.stepping.coupled_problem import (
     rate_to_length,
     response,
     scaled,
+    strut_directions,
     vectors_after,
 )
 
@@ -101,10 +101,10 @@ def solve_step(problem: Coupled, guess: AnyArray, near: AnyArray, side_by_side: 
 def _complete(problem: Coupled, found: "_Found", u: MemberVectors, root_mass: PerNode) -> Impulses:
     """The solution with its derivatives, from what was found with the directions u of struts."""
     rest = found.struts - u * found.pulls[:, None]
-    projected = jnp.any(jax.lax.stop_gradient(directions(problem)) != u)
+    projected = jnp.any(jax.lax.stop_gradient(strut_directions(problem)) != u)
 
     def of_struts(pulls):
-        return rest + jnp.where(projected, u, directions(problem)) * pulls[:, None]
+        return rest + jnp.where(projected, u, strut_directions(problem)) * pulls[:, None]
 
     def unmet(unknown):
         z, pulls = unknown
@@ -131,7 +131,7 @@ def _complete(problem: Coupled, found: "_Found", u: MemberVectors, root_mass: Pe
 def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Found, MemberVectors, AnyArray]:
     """The solution, the struts' directions u of the last round, and the roots of the masses that scale each contact."""
     dtype, nodes = problem.start.dtype, len(problem.start)
-    free = response(problem, directions(problem))[2]
+    free = response(problem, strut_directions(problem))[2]
     # scaled by what each node answers while struts keep their lengths, feet of a gramme and hulls of a kilogramme are
     # alike to Newton's method; a node that cannot move answers nothing, and gets a floor
     if problem.reach is not None:
@@ -140,7 +140,7 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
     else:
         own = jnp.trace(free.reshape(nodes, 3, nodes, 3).diagonal(axis1=0, axis2=2)) / 3
     root_mass = 1 / jnp.sqrt(jnp.maximum(own, 1e-9 * jnp.maximum(own.max(initial=0), jnp.finfo(dtype).tiny)))
-    first = eliminated(problem, root_mass, directions(problem))
+    first = eliminated(problem, root_mass, strut_directions(problem))
     nothing = jnp.zeros_like(first.units)
     infinite = jnp.array(jnp.inf, dtype)
     trial = guess / root_mass[:, None]
@@ -155,9 +155,8 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
     def attempt(state):
         """Rounds with one choice of directions: many with those at the start, each with its own thereafter."""
         count, found, _ = state
-        parts = eliminated(
-            problem, root_mass, jnp.where(count == 0, directions(problem), directions(problem, found.velocity))
-        )
+        u = jnp.where(count == 0, strut_directions(problem), strut_directions(problem, found.velocity))
+        parts = eliminated(problem, root_mass, u)
         most = jnp.where(count == 0, TURNING, 1)
 
         def unmet(inner):

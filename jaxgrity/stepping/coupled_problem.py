@@ -111,7 +111,7 @@ def response(problem: Coupled, u: MemberVectors) -> tuple[AnyArray, AnyArray, An
     return J, inverse, problem.A - AJ @ inverse @ AJ.T
 
 
-def directions(problem: Coupled, w: NodeVectors | None = None) -> MemberVectors:
+def strut_directions(problem: Coupled, w: NodeVectors | None = None) -> MemberVectors:
     """u, (struts, 3): the directions of the struts at the start of the step, or at its end with velocities w."""
     if problem.apart is None:
         return jnp.zeros((0, 3), problem.start.dtype)

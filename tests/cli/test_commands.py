@@ -307,11 +307,11 @@ def test_a_search_says_before_it_begins_that_its_gaits_are_late():
     scene = load_scene("exact")
     late = with_gait(scene, replace(scene.gait, start=10.0))
     assert standstill_words(late, SearchConfig(duration=20.0)) == (
-        "The objective counts the time from 5 s on, but the gait is in full swing from 11 s on: search with a duration "
-        "of 44 s or more.\n\n"
+        "The objective counts the time from 5 s on, but the gait is in full swing from 10.8 s on: search with a "
+        "duration of 43 s or more.\n\n"
     )
     assert standstill_words(late, SearchConfig(duration=20.0, objective=Distance())) == ""
-    assert standstill_words(late, SearchConfig(duration=44.0)) == ""
+    assert standstill_words(late, SearchConfig(duration=43.0)) == ""
     for name in ("exact", "reference", "uphill"):
         assert standstill_words(load_scene(name), SearchConfig(duration=8.0)) == "", name
 

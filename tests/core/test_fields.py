@@ -256,6 +256,7 @@ EXAMPLES = [
         images=((), OTHER),
         waves=((), OTHER),
         quickest=((), OTHER),
+        ramp=(0.5, POSITIVE),
     ),
     _of(jaxgrity.ActuatorBounds, rate=(1.0, POSITIVE), force=(1.0, POSITIVE), power=(1.0, POSITIVE)),
     _of(
@@ -314,6 +315,7 @@ EXAMPLES = [
     ),
     _of(
         jaxgrity.SearchConfig,
+        ramp=(0.5, POSITIVE),
         duration=(40.0, POSITIVE),
         population=(16, COUNT),
         generations=((2, 2), OTHER),
