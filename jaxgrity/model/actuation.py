@@ -255,7 +255,7 @@ def peak_rates(gait: Gait, rest_lengths: PerMember) -> PerActuator:
     steepest: PerActuator | float = 1.0
     if gait.overtones:
         xp = namespace_of(gait.phase)
-        size = abs(_wave_slope(gait, _samples(gait) - gait.phase, xp))
+        size = xp.abs(_wave_slope(gait, _samples(gait) - gait.phase, xp))
         steepest = _highest(xp.concatenate([size[-1:], size, size[:1]]))
     return rest_lengths * gait.amplitude * np.pi * gait.frequency * steepest
 
@@ -272,7 +272,7 @@ def ramp_rates(gait: Gait, rest_lengths: PerMember) -> PerActuator:
     before = xp.minimum(_samples(gait), turn * gait.ramp)  # the end of the ramp, and within the ramp
     r, angle = 1 - before / (turn * gait.ramp), turn * (gait.start + gait.ramp) - before
     rate = (1 + _wave(gait, angle, xp)) / gait.ramp + r * turn * _wave_slope(gait, angle, xp)
-    return rest_lengths * gait.amplitude / 2 * _highest(abs(rate))
+    return rest_lengths * gait.amplitude / 2 * _highest(xp.abs(rate))
 
 
 def _samples(gait: Gait) -> AnyArray:
