@@ -265,12 +265,12 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
 
     genome, starts = genome_to_polish(search.problem, promoted.genes, config)
     problem = search.unmeasured._replace(genome=genome)
+    rough = screening if screening.scene is own.scene else own
     found = polish(
         problem,
         starts,
         config.polish,
-        # as rough as screening where that is of the scene itself, for twice as many steps
-        options=(screening if screening.scene is own.scene else own).options,
+        options=rough.options,
         # in float64, at the scene's own step: start and end share its error, and the verdict's steps are smaller
         final_options=own.options,
         seed=config.seed,
