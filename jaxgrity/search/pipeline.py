@@ -252,7 +252,7 @@ def _promote(search: _Search, last: Evolution) -> Promoted:
 
 @_timed("polishing")
 def _polish(search: _Search, promoted: Promoted) -> Polished | None:
-    """The gradient stage, on the scene's own model; None if polish is off."""
+    """The gradient stage, on the scene's own model at a rough step; start and end are compared at its own step."""
     config, (screening, own, *_), done = search.config, search.levels, 0
     if config.polish is None:
         return None
@@ -271,7 +271,6 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         starts,
         config.polish,
         options=rough.options,
-        # in float64, at the scene's own step: start and end share its error, and the verdict's steps are smaller
         final_options=own.options,
         seed=config.seed,
         on_step=heard,
