@@ -252,7 +252,7 @@ def _promote(search: _Search, last: Evolution) -> Promoted:
 
 @_timed("polishing")
 def _polish(search: _Search, promoted: Promoted) -> Polished | None:
-    """The gradient stage, on the scene's own model; None if polish is off."""
+    """The gradient stage, on the scene's own model at a rough step; start and end are compared at its own step."""
     config, (screening, own, *_), done = search.config, search.levels, 0
     if config.polish is None:
         return None
@@ -264,12 +264,12 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         search.tell(Progress("polishing", done, None, {"fitness": step.fitness}))
 
     genome, starts = genome_to_polish(search.problem, promoted.genes, config)
-    problem, rough = search.unmeasured._replace(genome=genome), screening if screening.scene is own.scene else own
+    problem = search.unmeasured._replace(genome=genome)
+    rough = screening if screening.scene is own.scene else own
     found = polish(
         problem,
         starts,
         config.polish,
-        # where screening is of the scene itself, its step buys twice as many; start and end share that of the scene
         options=rough.options,
         final_options=own.options,
         seed=config.seed,

@@ -256,7 +256,7 @@ def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
         (["search", "--dt", "nan"], ["dt = nan"]),
         (["search", "--population", "1"], ["population = 1: expected a whole number, at least 2"]),
         (["search", "--polish-gaits", "17"], ["polish: gaits = 17; expected 1 to 16"]),
-        (["search", "--polish-rollouts", "3"], ["3 rollouts of polish: expected 128 or more (climbs: 1)"]),
+        (["search", "--polish-rollouts", "3"], ["3 rollouts of polish: expected 96 or more (climbs: 1)"]),
         (["search", "--objective.kind", "far"], ["objective = 'far': unknown; expected one of distance, direction"]),
         (["search", "--objective.heading", "1"], ["heading = 1.0: 'steady speed' has none"]),
         (["search", "--objective.largest-rate", "0"], ["largest_rate = 0: expected a positive number"]),
