@@ -15,6 +15,7 @@ energy.
 Derivatives are those of the solution (implicit function theorem), in forward and in reverse mode.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -91,7 +92,8 @@ def solve_step(problem: Coupled, guess: AnyArray, near: AnyArray, side_by_side: 
 
     Without a solution, the nearest ones, with their error.
     """
-    search, complete = (jax.vmap(each) if side_by_side else each for each in (_search, _complete))
+    search: Callable = jax.vmap(_search) if side_by_side else _search
+    complete: Callable = jax.vmap(_complete) if side_by_side else _complete
     # On a CPU robots are solved one after the other: side by side all of them iterate until the last one is done.
     search = jax.custom_batching.sequential_vmap(search) if jax.default_backend() == "cpu" else search
     # the search is not differentiated: `custom_root` takes the derivative at what it finds

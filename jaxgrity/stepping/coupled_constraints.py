@@ -54,7 +54,7 @@ class Constraints(NamedTuple):
     weights: AnyArray | None
     """(contacts, 3, nodes): the share of each node in the motion of a contact along its three axes; None: all nodes
     themselves touch, and nothing else does"""
-    speed: Scalar
+    speed: AnyArray
     """m/s, of which tolerances are a share"""
 
 

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import length
-from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
+from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode
 from jaxgrity.stepping.coupled_constraints import Constraints
 from jaxgrity.stepping.coupled_contacts import as_impulses
 from jaxgrity.stepping.ground_response import Contact
@@ -30,7 +30,7 @@ class Coupled(NamedTuple):
     reach: AnyArray | None
     """(contacts, 3, nodes, 3): of where balls and struts touch the ground, the velocity along normal and tangents by
     those of nodes; None: all nodes themselves touch, and nothing else does"""
-    speed: Scalar
+    speed: AnyArray
 
 
 class Elimination(NamedTuple):
@@ -48,10 +48,10 @@ class Elimination(NamedTuple):
 
 def problem_of(constraints: Constraints) -> Coupled:
     """The matrices of a step."""
-    mobility, start, *struts, contact, frame, weights, speed = constraints
+    mobility, start, ends, apart, goal, contact, frame, weights, speed = constraints
     A = jnp.einsum("ijk,kl->ikjl", mobility, jnp.eye(3, dtype=start.dtype)).reshape(start.size, start.size)
     reach = None if weights is None else frame[:, :, None, :] * weights[..., None]
-    return Coupled(A, start, *struts, contact, frame, reach, speed)
+    return Coupled(A, start, ends, apart, goal, contact, frame, reach, speed)
 
 
 def in_frames(problem: Coupled, x: NodeVectors) -> MemberVectors:

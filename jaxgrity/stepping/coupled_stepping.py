@@ -92,7 +92,8 @@ def coupled_impulses(
         struts = jnp.zeros_like(last.between_struts).at[touching.each_other.rows].set(others[-1])
     exerted = at_nodes if len(rows) == len(q) else jnp.zeros_like(q).at[rows].set(at_nodes)
     p = exerted * inverse(mass)[:, None]
-    off, pulls = jnp.zeros_like(found.error), jnp.zeros_like(q)
+    off: Scalar = jnp.zeros_like(found.error)
+    pulls: NodeVectors = jnp.zeros_like(q)
     if constraints.apart is not None:
         off = h * jnp.max(jnp.abs(lengths_after(constraints, found.velocity) - constraints.goal))
         pulls = accumulate(found.struts, rigid_pairs(scene), len(q))
