@@ -161,7 +161,7 @@ def test_a_policy_for_a_task_of_ones_own_is_deployed_with_its_direction(scene, w
     env = control.environment(StopAtLine("heading" if way else "anywhere"), scene, options=QUICK)
     deployed = control.Deployed(env, lambda seen: jnp.concatenate([seen[96:98], 0 * seen[:4]]), **way)
     q = jnp.asarray(env.plant.scene.structure.nodes)
-    seen = jax.jit(control.measure)(env.plant.scene, 0.0, q, 0 * q)
+    seen = jax.jit(control.measure)(env.plant.scene, 0.0, q, 0 * q)._replace(contraction=jnp.zeros(6))
     for x, wanted in ((0.0, 0.3), (0.4, 0.1), (0.6, -0.1)):
         command, _ = deployed(seen._replace(place=jnp.array([x, 0.2, 0.5])), 0.0, deployed.first())
         expected = env.commanded(jnp.array([wanted, 0, 0, 0, 0, 0]))
