@@ -57,7 +57,8 @@ def main(settings: CompareSettings) -> None:
     differ = different_settings(runs)
     rows = [["run", *differ, *COLUMNS]]
     for name, summary in runs.items():
-        chosen = [json.dumps(flat(summary["settings"])[key]) for key in differ]
+        own = flat(summary["settings"])
+        chosen = [json.dumps(own[key]) if key in own else "-" for key in differ]
         rows.append([name, *chosen, *(column(summary) for column in COLUMNS.values())])
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     print("\n".join("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip() for row in rows))
@@ -100,10 +101,10 @@ def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def different_settings(runs: dict[str, dict[str, Any]]) -> list[str]:
-    """The different settings of the runs, without those of their start."""
+    """The different settings of the runs, without those of their start; also settings that only some runs have."""
     every = [flat(run["settings"]) for run in runs.values()]
-    keys = [key for key in every[0] if key not in ("resume", "restart")]
-    return [key for key in keys if any(one.get(key) != every[0][key] for one in every)]
+    keys = [key for key in dict.fromkeys(key for one in every for key in one) if key not in ("resume", "restart")]
+    return [key for key in keys if any(key not in one or one[key] != every[0].get(key) for one in every)]
 
 
 @plot.styled

@@ -209,12 +209,14 @@ class Deployed(Policy):
         return self.environment.commanded(action), (action, count + 1)
 
     def _direction(self, place: AnyArray) -> AnyArray:
-        """d, (2,), as in an environment: zeros where none is wanted."""
+        """d, (2,), as in an environment whose episode has drawn this heading or goal."""
+        task = self.environment.task
         if self.goal is not None:
-            return self.environment.task._replace(towards="goal").wanted_direction(self.goal, place)
-        if self.heading is None:
-            return jnp.zeros_like(place[:2])
-        return self.heading / jnp.linalg.norm(self.heading)
+            return task._replace(towards="goal").wanted_direction(self.goal, place)
+        if self.heading is not None:
+            heading = self.heading / jnp.linalg.norm(self.heading)
+            return task._replace(towards="heading").wanted_direction(heading, place)
+        return task.wanted_direction(jnp.zeros_like(place[:2]), place)
 
 
 def check_acting(environment: Environment, policy: Acting) -> None:

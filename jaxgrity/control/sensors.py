@@ -114,7 +114,7 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
     nothing: AnyArray = jnp.zeros((0, 3), q.dtype)
     directions, spins, lengths, tensions = nothing, nothing, nothing[:, 0], nothing[:, 0]
     contact: AnyArray = jnp.zeros_like(q[:, 0])
-    if turning := _turning(scene.structure):
+    if turning := turning_pairs(scene.structure):
         d, rate = (edge_vectors(x, turning) for x in (q, v))
         each = inverse(length(d))
         directions = scale(d, each)
@@ -129,7 +129,7 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
     return Observation(directions, spins, lengths, tensions, contact, centre_of_mass(scene, q), shortened)
 
 
-def _turning(structure: Structure) -> Edges:
+def turning_pairs(structure: Structure) -> Edges:
     """The pairs of nodes whose direction sensors measure: ends of struts, and basic points of bodies."""
     struts = () if structure.struts is None else structure.struts.edges
     return (*struts, *((body.basic[0], other) for body in structure.bodies for other in body.basic[1:3]))

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.control.policies import Memory, Policy
-from jaxgrity.control.sensors import Observation
+from jaxgrity.control.sensors import Observation, turning_pairs
 from jaxgrity.core.arguments import check_each, check_indices, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
@@ -34,7 +34,7 @@ class Steered(Policy):
     bend: Scalar = eqx.field(converter=as_float)
     """at most 1 in size; positive: to the left"""
     offsets: AnyArray = eqx.field(converter=as_float)
-    """(actuators, struts), from `centre_offsets`: where a strut's centre is, as a sum of all struts' directions"""
+    """(actuators, directions), from `centre_offsets`: where a strut's centre is, as a sum of what sensors tell"""
     goal: AnyArray | None = eqx.field(converter=as_float_or_none, default=None)
     """(2,), m; None: `bend` stays as it is"""
     full: Scalar = eqx.field(converter=as_float, default=0.8)
@@ -57,7 +57,7 @@ class Steered(Policy):
         if self.goal is not None and not traced(self.goal) and not np.isfinite(self.goal).all():
             raise InputError(f"goal = {np.asarray(self.goal).tolist()}: expected finite numbers, m")
         if np.ndim(self.offsets) < 2 or np.shape(self.offsets)[0] != len(self.members):
-            expected = f"({len(self.members)}, struts), of `centre_offsets`"
+            expected = f"({len(self.members)}, directions), of `centre_offsets`"
             raise InputError(f"offsets have the shape {np.shape(self.offsets)}: expected {expected}")
 
     @property
@@ -70,10 +70,10 @@ class Steered(Policy):
 
     def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
         inner, last, travel, before = memory
-        shape, struts = np.shape(self.offsets), len(observation.directions)
-        if shape[1] != struts:
+        shape, told = np.shape(self.offsets), len(observation.directions)
+        if shape[1] != told:
             raise InputError(
-                f"offsets have the shape {shape}: the robot has {struts} struts; expected those of this one"
+                f"offsets have the shape {shape}: the robot's sensors tell {told} directions; expected its own offsets"
             )
         wanted, inner = self.policy(observation, t, inner)
         place, passed = observation.place[:2], t - before
@@ -128,8 +128,8 @@ def clock_moved(memory: Memory, times: AnyArray | float, jump: AnyArray | float)
 
 @typed
 def centre_offsets(structure: Structure, members: tuple[int, ...]) -> np.ndarray:
-    """(actuators, struts): B, with (B d)_k the offset of strut k's centre from the robot's and d the struts'
-    directions.
+    """(actuators, directions): B, with (B d)_k the offset of strut k's centre from the robot's and d the directions
+    that sensors tell: of struts, then of rigid bodies.
 
     By least squares in the built shape, in units of the largest offset. Raises `InputError` for a member that is no
     strut, and without members.
@@ -139,7 +139,8 @@ def centre_offsets(structure: Structure, members: tuple[int, ...]) -> np.ndarray
     if struts is None or not members or max(members) >= len(struts.edges):
         raise InputError(f"members = {list(members)}: expected struts alone, to steer by those on one side")
     x, mass = np.asarray(structure.nodes, float), np.asarray(structure.lumped_mass, float)
+    first, second = np.array(turning_pairs(structure)).T
+    directions = (x[first] - x[second]) / np.linalg.norm(x[first] - x[second], axis=1)[:, None]
     i, j = np.array(struts.edges).T
-    directions = (x[i] - x[j]) / np.linalg.norm(x[i] - x[j], axis=1)[:, None]
     centres = ((x[i] + x[j]) / 2 - mass @ x / mass.sum())[np.array(members)]
     return centres @ np.linalg.pinv(directions) / np.linalg.norm(centres, axis=1).max()

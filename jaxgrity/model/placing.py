@@ -57,10 +57,13 @@ def above(
     distance = jnp.asarray(distance, q.dtype)
     up = jnp.array([0.0, 0.0, 1.0], q.dtype)
 
-    def near(lift: Scalar) -> AnyArray:
+    def nearest(lift: Scalar) -> Scalar:
         there = q + lift * up
-        nearest = jnp.min(ground.signed_distance(there))
-        return (nearest if beside is None else jnp.minimum(nearest, jnp.min(beside(there)))) < distance
+        found = jnp.min(ground.signed_distance(there))
+        return found if beside is None else jnp.minimum(found, jnp.min(beside(there)))
+
+    def near(lift: Scalar) -> AnyArray:
+        return nearest(lift) < distance
 
     def apart(_, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
         low, high = ends
@@ -72,7 +75,9 @@ def above(
         below = near(middle)
         return jnp.where(below, middle, low), jnp.where(below, high, middle)
 
-    first = lowest + jnp.minimum(distance, 0), lowest + jnp.maximum(distance, 0)
+    low, high = lowest + jnp.minimum(distance, 0), lowest + jnp.maximum(distance, 0)
+    # on a slope a ball that touches the ground below it is in the ground beside it, and so is a rod with a radius
+    first = low, high + jnp.maximum(distance - nearest(high), 0)
     ends = jax.lax.fori_loop(0, DOUBLINGS, apart, first)
     lift = jax.lax.fori_loop(0, HALVINGS, halved, ends)[1]
     # beside all ground there is no height at which a node is in it

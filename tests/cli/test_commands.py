@@ -631,6 +631,21 @@ def test_searches_are_compared(jaxgrity, search_run, tmp_path):
     assert one.startswith(str(folder))
 
 
+@pytest.mark.parametrize("order", [1, -1])
+def test_searches_with_other_settings_are_compared(order, jaxgrity, search_run, tmp_path):
+    """An earlier version had no setting for the ramp: its cell says so, whichever run comes first."""
+    folder, _ = search_run
+    summary = json.loads((folder / "summary.json").read_text())
+    del summary["settings"]["ramp"]
+    (tmp_path / "earlier").mkdir()
+    (tmp_path / "earlier" / "summary.json").write_text(json.dumps(summary))
+    done = jaxgrity("compare", *[folder, tmp_path / "earlier"][::order], "--out", tmp_path)
+    assert done.code == 0, done.errors
+    head, *rows = done.out.splitlines()[1:4]
+    assert head.split()[:2] == ["run", "ramp"]
+    assert [row.split()[1] for row in rows] == ["0.75", "-"][::order]
+
+
 def test_a_search_whose_robots_all_failed_is_compared_too(jaxgrity, search_run, tmp_path):
     """JSON has no number for their mean: the table says that it is not known, and the figure leaves it out."""
     folder, _ = search_run

@@ -217,6 +217,22 @@ def test_struts_on_the_left_stay_longer_in_a_bend_to_the_left(scene):
         assert np.ptp(steered / plain) > 0.2
 
 
+def test_a_robot_with_struts_and_bodies_is_steered_by_all_directions_that_sensors_tell():
+    """By where its struts' centres are as built."""
+    built = quadruped()
+    struts = jaxgrity.Members(((0, 1), (2, 3)), [1e3, 1e3], [1.0, 1.0])
+    structure = jaxgrity.Structure(built.nodes, np.zeros(len(built.nodes)), struts, bodies=built.bodies)
+    seen = measure(jaxgrity.Scene(structure), 0.0, structure.nodes, 0 * structure.nodes)
+    offsets = centre_offsets(structure, (0, 1))
+    centres = structure.nodes[[0, 2]] / 2 + structure.nodes[[1, 3]] / 2
+    centres = centres - structure.lumped_mass @ structure.nodes / structure.lumped_mass.sum()
+    np.testing.assert_allclose(offsets @ seen.directions, centres / np.linalg.norm(centres, axis=1).max(), atol=1e-9)
+    gait = Gait((0, 1), np.zeros(2), np.full(2, 0.2), np.ones(2))
+    steered, plain = asked(Steered(OpenLoop(gait), 0.3, offsets), seen, [0.5, 0.0])
+    assert np.all(np.isfinite(steered))
+    assert steered.shape == plain.shape == (2,)
+
+
 def test_a_goal_on_the_left_is_a_bend_to_the_left(scene):
     """All of the bend where it is beside or behind the robot, none straight ahead, the other way round on the right."""
     q = np.asarray(scene.structure.nodes) * 1.0
@@ -571,7 +587,7 @@ class Short(control.Policy):
             lambda scene: control.simulate_policy(
                 control.plant_of(scene, tuple(range(6))), Steered(OpenLoop(scene.gait), 0.1, np.zeros((6, 5))), 0.1
             ),
-            r"offsets have the shape \(6, 5\): the robot has 6 struts",
+            r"offsets have the shape \(6, 5\): the robot's sensors tell 6 directions",
         ),
         (
             lambda scene: control.plant_of(

@@ -155,6 +155,19 @@ class StopAtLine(control.Task):
         return jnp.array([jnp.clip(self.line - place[0], -0.3, 0.3), 0.0], float)
 
 
+@pytest.mark.parametrize("way", [{"heading": [0.0, 2.0]}, {"goal": [3.0, 1.0]}, {}])
+def test_a_policy_for_a_task_of_ones_own_is_deployed_with_its_direction(scene, way):
+    """It is told what the environment told it, whatever was drawn there."""
+    env = control.environment(StopAtLine("heading" if way else "anywhere"), scene, options=QUICK)
+    deployed = control.Deployed(env, lambda seen: jnp.concatenate([seen[96:98], 0 * seen[:4]]), **way)
+    q = jnp.asarray(env.plant.scene.structure.nodes)
+    seen = jax.jit(control.measure)(env.plant.scene, 0.0, q, 0 * q)._replace(contraction=jnp.zeros(6))
+    for x, wanted in ((0.0, 0.3), (0.4, 0.1), (0.6, -0.1)):
+        command, _ = deployed(seen._replace(place=jnp.array([x, 0.2, 0.5])), 0.0, deployed.first())
+        expected = env.commanded(jnp.array([wanted, 0, 0, 0, 0, 0]))
+        np.testing.assert_allclose(command, expected, atol=1e-6)
+
+
 def test_a_task_of_ones_own_is_observed_and_rewarded(scene):
     """At the line it wants nothing; the reward is the velocity along the direction that was observed before."""
     env = control.environment(StopAtLine("heading"), scene, options=QUICK, effort_cost=0.0)

@@ -63,6 +63,16 @@ def test_balls_start_as_far_above_any_ground_as_the_task_says(ground, distance, 
     assert np.any(distance(q).min(1) < 0)
 
 
+@pytest.mark.parametrize(("ground", "distance"), GROUNDS[1:3])
+@pytest.mark.parametrize("gap", [0.0, -0.003])
+def test_balls_are_set_on_the_ground_too_or_into_it(ground, distance, gap):
+    """On a slope too, where a ball that touches the ground below its centre is in the ground beside it."""
+    nodes, radius = (0, 1), np.array([0.1, 0.05])
+    q = np.array([[0.0, 0, 1], [0.3, 0, 1.1], [0, 0.4, 1.3]])
+    placed = jaxgrity.ExactGround(balls=Balls(nodes, radius), **ground).set_above(jnp.asarray(q), gap)
+    assert (distance(np.asarray(placed))[..., nodes] - radius).min() == pytest.approx(gap, abs=1e-12)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("ground", "distance"), GROUNDS)
 def test_robots_start_as_far_above_any_ground_as_the_task_says(ground, distance, scene):
