@@ -46,14 +46,16 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
     """The loop at t = 0: from `start`, q and v; by default the scene's own.
 
     `each`: all of the policy's arrays have the population last; every robot has its own parameters. Floats of the
-    memory take the plant's precision. Raises `InputError` if `policy` is no policy or `key` is no key, and for other
-    members than the plant's. `each` needs a plant of many robots, and a policy with a row for each. A start must have
-    the right shape. A known start must not violate rigid struts or exact contact.
+    memory take the plant's precision. Raises `InputError` if `policy` is no policy or `key` is no key, for other
+    members than the plant's, and where the policy cannot drive this robot. `each` needs a plant of many robots, and a
+    policy with a row for each. A start must have the right shape. A known start must not violate rigid struts or exact
+    contact.
     """
     if not isinstance(policy, Policy):
         raise InputError(f"policy is a {type(policy).__name__}: expected a Policy, such as OpenLoop(gait)")
     if policy.members != plant.members:
         raise InputError(f"policy.members = {policy.members}: expected {plant.members}, those of the plant")
+    policy.check(plant.scene)
     memory, robots = policy.first(), plant.robots
     if each and robots is None:
         raise InputError("each = True: the plant has one robot; expected many, of `side_by_side`")

@@ -13,6 +13,7 @@ from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float
 from jaxgrity.model.actuation import Gait, contraction
+from jaxgrity.model.scene import Scene
 
 SLOWEST, FASTEST = 0.0, 2.0
 """Limits of the speed of a gait's clock, as multiples of its own speed."""
@@ -66,11 +67,14 @@ class PhaseLocked(Policy):
         """The clock and its time, s."""
         return jnp.zeros(()), jnp.zeros(())
 
-    def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
-        if max(self.members) >= len(observation.directions):
+    def check(self, scene: Scene) -> None:
+        struts = scene.structure.struts
+        if max(self.members) >= (0 if struts is None else len(struts.edges)):
             raise InputError(
                 f"gait.members = {list(self.members)}: expected struts alone: the clock needs their directions"
             )
+
+    def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
         clock, last = memory
         own = np.array(self.members)
         along, spin = observation.directions[own], observation.spins[own]

@@ -9,6 +9,7 @@ from jaxgrity.control.sensors import Observation
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, contraction
+from jaxgrity.model.scene import Scene
 
 Memory = Any
 """Any tree of arrays that a policy carries from one control period to the next."""
@@ -35,6 +36,12 @@ class Policy(eqx.Module):
     @abstractmethod
     def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
         """The commanded contraction of each member at time t, s, the end of the coming control period."""
+
+    def check(self, scene: Scene) -> None:
+        """Raise `InputError` where it cannot drive the robot of a scene; by default, where a policy in it cannot."""
+        for part in vars(self).values():
+            if isinstance(part, Policy):
+                part.check(scene)
 
 
 def check_gait(gait: Gait) -> None:

@@ -403,6 +403,21 @@ def test_errors_respect_what_readings_are():
     assert np.ptp([one.directions[0, 0] for one in noisy]) > 0.1
 
 
+def test_the_clock_of_feedback_needs_struts(scene):
+    """Not cables, and not bodies, whose directions sensors tell too; also where a policy is part of another."""
+    built = quadruped()
+    body = jaxgrity.Structure(built.nodes, np.zeros(len(built.nodes)), bodies=built.bodies)
+    clock = PhaseLocked(Gait((0, 6), np.zeros(2), np.full(2, 0.2), np.ones(2)))
+    message = r"gait.members = \[0, 6\]: expected struts alone: the clock needs their directions"
+    for robot in (scene, jaxgrity.Scene(body)):
+        for policy in (clock, control.Blend(clock, OpenLoop(clock.gait), 0.5)):
+            with pytest.raises(InputError, match=message):
+                policy.check(robot)
+    with pytest.raises(InputError, match=message):
+        control.simulate_policy(control.plant_of(scene, (0, 6), options=TEN_MS), clock, 0.1)
+    control.Blend(PhaseLocked(scene.gait), OpenLoop(scene.gait), 0.5).check(scene)
+
+
 @pytest.mark.parametrize("make", [quadruped, superball])
 def test_sensors_tell_how_bodies_are_turned_and_turn(make):
     """Two directions of each: what they say of a turned robot gives the turn, and their spins its angular velocity."""

@@ -320,6 +320,17 @@ def test_damage_is_survived(tmp_path):
 
 
 @pytest.mark.campaign
+def test_seeds_of_the_default_search_are_told_apart(tmp_path):
+    """A small search by one seed; once more, it is read from its folder."""
+    facts = quick("search_seeds", tmp_path)
+    (row,) = facts["rows"]
+    assert row["rate"] <= 1.001
+    told = words("search_seeds", facts)
+    assert f"| 0 | {row['speed']:.3f} |" in told if row["speed"] else "| 0 | - |" in told
+    assert quick("search_seeds", tmp_path)["rows"] == facts["rows"]
+
+
+@pytest.mark.campaign
 def test_nothing_is_lost_in_a_crash(tmp_path):
     """A search that is killed, and resumed, ends with the population of one that was not; no file is broken."""
     done = run("crash_recovery", "--quick", "--out", tmp_path)
