@@ -107,8 +107,8 @@ class Sensors(eqx.Module):
 def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observation:
     """The readings of sensors without errors at time t, s, at `q`, m, with velocities `v`, m/s.
 
-    A strut along d = x_i - x_j spins by d × (v_i - v_j)/|d|², and so do bodies. A cable pulls by its law:
-    K max(0, l - L(t)), a table of forces, a limit, one tension in a cluster. A node touches the ground where
+    A strut along d = x_i - x_j spins by d × (v_i - v_j)/|d|². So does each direction of a body. A cable pulls by its
+    law: K max(0, l - L(t)), a table of forces, a limit, one tension in a cluster. A node touches the ground where
     phi < `Ground.touched_below`. Contractions are those of the scene's gait.
     """
     nothing: AnyArray = jnp.zeros((0, 3), q.dtype)

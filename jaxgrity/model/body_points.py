@@ -1,6 +1,6 @@
 """Points of all rigid bodies as arrays over these points, so that no program grows with the number of bodies.
 
-Bodies with equally many basic points are one group: there are at most three groups.
+Bodies with equally many basic points are one stack: there are at most three.
 """
 
 from collections.abc import Callable, Sequence
@@ -48,19 +48,19 @@ class Stack(NamedTuple):
 
 def stacks_of(bodies: Bodies) -> list[Stack]:
     """The bodies by their number of basic points."""
-    groups = []
+    stacks = []
     for count in sorted({len(body.basic) for body in bodies}):
         alike = tuple(body for body in bodies if len(body.basic) == count)
         carried = tuple(k for body in alike for k in body.carried)
         carriers = [body.basic for body in alike for _ in body.carried]
         basic = np.array([body.basic for body in alike])
-        groups.append(Stack(alike, basic, carried, np.array(carriers, int).reshape(-1, count)))
-    return groups
+        stacks.append(Stack(alike, basic, carried, np.array(carriers, int).reshape(-1, count)))
+    return stacks
 
 
 def lumped(bodies: Bodies, nodes: int) -> AnyPerNode | float:
     """kg at each node, some maybe negative: the bodies' part in weight, momentum and centre of mass."""
-    shares = [(group.matrix.sum(2).ravel(), group.basic) for group in stacks_of(bodies)]
+    shares = [(stack.matrix.sum(2).ravel(), stack.basic) for stack in stacks_of(bodies)]
     return sum((place_rows(share, _numbers(basic), nodes) for share, basic in shares), 0.0)
 
 
@@ -82,13 +82,13 @@ def independent_nodes(bodies: Bodies, nodes: int) -> tuple[int, ...]:
 
 def carrying(bodies: Bodies, nodes: int) -> AnyArray:
     """N, (nodes, independent nodes): the weights of independent nodes in every node's position."""
-    free, groups = np.array(independent_nodes(bodies, nodes)), stacks_of(bodies)
+    free, stacks = np.array(independent_nodes(bodies, nodes)), stacks_of(bodies)
     dtype = bodies[0].weights.dtype if bodies else float  # float64 would spread from here
     rows: AnyArray = np.eye(nodes, dtype=dtype)[:, free]
     column = np.cumsum(np.isin(np.arange(nodes), free)) - 1
-    for group in groups:
-        place = np.array(group.carried, int)[:, None], column[group.carriers]
-        if namespace_of(weights := group.weights) is np and namespace_of(rows) is np:
+    for stack in stacks:
+        place = np.array(stack.carried, int)[:, None], column[stack.carriers]
+        if namespace_of(weights := stack.weights) is np and namespace_of(rows) is np:
             rows[place] = weights
         else:
             rows = jnp.asarray(rows).at[place].set(weights)
@@ -97,33 +97,33 @@ def carrying(bodies: Bodies, nodes: int) -> AnyArray:
 
 def following(bodies: Bodies, x: NodeVectors) -> NodeVectors:
     """Positions, or velocities, with the bodies' other points from the basic ones."""
-    for group in stacks_of(bodies):
-        if group.carried:
-            parts = scale(take_rows(x, _numbers(group.carriers)), _flat(group.weights, x))
-            there = place_rows(parts, _owners(group), len(group.carried))
-            x = x + place_rows(there - take_rows(x, group.carried), group.carried, len(x))
+    for stack in stacks_of(bodies):
+        if stack.carried:
+            parts = scale(take_rows(x, _numbers(stack.carriers)), _flat(stack.weights, x))
+            there = place_rows(parts, _owners(stack), len(stack.carried))
+            x = x + place_rows(there - take_rows(x, stack.carried), stack.carried, len(x))
     return x
 
 
 def onto_basic(bodies: Bodies, forces: NodeVectors) -> NodeVectors:
     """The transpose of `following`: equivalent forces at basic points alone."""
-    for group in stacks_of(bodies):
-        if group.carried:
-            there = take_rows(forces, group.carried)
-            forces = forces - place_rows(there, group.carried, len(forces))
-            parts = scale(take_rows(there, _owners(group)), _flat(group.weights, there))
-            forces = forces + place_rows(parts, _numbers(group.carriers), len(forces))
+    for stack in stacks_of(bodies):
+        if stack.carried:
+            there = take_rows(forces, stack.carried)
+            forces = forces - place_rows(there, stack.carried, len(forces))
+            parts = scale(take_rows(there, _owners(stack)), _flat(stack.weights, there))
+            forces = forces + place_rows(parts, _numbers(stack.carriers), len(forces))
     return forces
 
 
 def energy_of_bodies(bodies: Bodies, v: NodeVectors) -> Scalar | float:
     """T = 1/2 sum_ab m_ab v_a·v_b over all bodies, J."""
     total: Scalar | float = 0.0
-    for group in stacks_of(bodies):
-        count = group.basic.shape[1]
-        first, second = np.repeat(group.basic, count, axis=1), np.tile(group.basic, (1, count))
+    for stack in stacks_of(bodies):
+        count = stack.basic.shape[1]
+        first, second = np.repeat(stack.basic, count, axis=1), np.tile(stack.basic, (1, count))
         products = dot(take_rows(v, _numbers(first)), take_rows(v, _numbers(second)))
-        total = total + inner(_flat(group.matrix, v), products) / 2
+        total = total + inner(_flat(stack.matrix, v), products) / 2
     return total
 
 
@@ -148,9 +148,9 @@ def _numbers(nodes: np.ndarray) -> tuple[int, ...]:
     return tuple(nodes.ravel().tolist())
 
 
-def _owners(group: Stack) -> tuple[int, ...]:
+def _owners(stack: Stack) -> tuple[int, ...]:
     """The number of the carried point, once for each node that it follows."""
-    return _numbers(np.repeat(np.arange(len(group.carried)), group.carriers.shape[1]))
+    return _numbers(np.repeat(np.arange(len(stack.carried)), stack.carriers.shape[1]))
 
 
 def _flat(numbers: AnyArray, like: Rows) -> AnyArray:

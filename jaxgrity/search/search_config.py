@@ -210,7 +210,7 @@ def genome_to_polish(problem: SearchProblem, genes: Genes, config: SearchConfig)
     """The genome in which polishing climbs, and what its first gaits' genes are there.
 
     Waves get the overtones of `config.polish`, but keep those of the scene's gait where these do not evolve. Amplitudes
-    are scaled down to the bound on the rate, so that no step leads beyond it, in the ramp neither.
+    are scaled down to the bound on the rate, so that no step leads beyond it, not even in the ramp.
     """
     genome = dataclasses.replace(problem.genome, quickest=_quickest(problem.scene, config))
     assert problem.scene.gait is not None, "`search_problem` refuses a scene without a gait"
