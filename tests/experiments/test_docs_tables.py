@@ -29,7 +29,7 @@ BLOCKS = {
     "docs/performance.md": 5,
     "docs/scaling.md": 3,
     "docs/identification.md": 4,
-    "docs/search_records.md": 6,
+    "docs/search_records.md": 7,
     "docs/validation.md": 4,
     "docs/matrix.md": 2,
 }
