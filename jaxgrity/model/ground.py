@@ -268,7 +268,8 @@ class ExactContact(Constraint):
             strut, depth = self.ground.capsules.struts[part - len(q)], self.gaps(q, t)[part]
             return f"strut {strut} starts {depth:.3g} m in the ground between its ends; expected: above it, or on it"
         depth = -self.ground.measured(q).distance[part]
-        return f"node {part} starts {depth:.3g} m below the ground; expected: on exact contact, on or above it"
+        found = f"node {part} starts {depth:.3g} m below the ground"
+        return f"{found}; expected: on exact contact, on or above it, as from ground.set_down(positions, 0.0)"
 
 
 def contact_energy(ground: PenaltyGround, phi: PerNode) -> Scalar:

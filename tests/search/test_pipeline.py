@@ -245,6 +245,23 @@ def test_orbits_are_sought_where_there_may_be_some(exact):
         assert SearchProblem(scene, Genome(6), 40.0, Fitness(objective)).seeks_orbits is sought
 
 
+@pytest.mark.campaign
+def test_on_an_incline_the_distance_is_the_horizontal_one_of_a_finer_rollout(exact, config):
+    """Within its error bar, also in the mean of robots that hardly differ; they get down the slope."""
+    ground = ExactGround(0.15)
+    structure = dataclasses.replace(exact.structure, nodes=ground.set_down(exact.structure.nodes, -0.02))
+    scene = dataclasses.replace(exact, ground=ground, structure=structure)
+    config = dataclasses.replace(config, objective=Distance(), generations=(1,), uncertainty=Uncertainty(friction=1e-6))
+    result = search_gaits(scene, config)
+    verified, robust = result.verdict.verified, result.verdict.robust.each[0]
+    finer = centre_path(result.scene, simulate(result.scene, config.duration, options=SolverOptions(dt=6.25e-4)))
+    moved = finer[-1] - finer[0]
+    assert moved[2] < -0.05
+    assert verified.distance[0] == pytest.approx(np.hypot(*moved[:2]), abs=2 * verified.error_bar[0])
+    np.testing.assert_allclose(robust, verified.distance[0], atol=2 * verified.error_bar[0] + 1e-4)
+    np.testing.assert_allclose((verified.com_end - verified.com_start)[0], moved, atol=3 * verified.error_bar[0])
+
+
 def many(result):
     """The problem of a search with as many robots as its finalists were compared over."""
     fitness = with_robots(result.problem.fitness, result.promoted.finals.each.shape[1])
