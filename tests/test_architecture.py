@@ -4,6 +4,7 @@ import ast
 import itertools
 import re
 import statistics
+import tomllib
 import warnings
 from collections import defaultdict
 from importlib import import_module
@@ -211,3 +212,14 @@ def _documentation(body: list[ast.stmt], name: str) -> str | None:
 def test_the_version_is_that_of_the_project():
     assert f'version = "{jaxgrity.__version__}"' in (PACKAGE.parent / "pyproject.toml").read_text().splitlines()
     assert f"version: {jaxgrity.__version__}" in (PACKAGE.parent / "CITATION.cff").read_text().splitlines()
+    heads = [line for line in (PACKAGE.parent / "CHANGELOG.md").read_text().splitlines() if line.startswith("## ")]
+    assert heads[0].startswith((f"## {jaxgrity.__version__} (", "## Unreleased"))
+
+
+def test_badges_say_what_the_project_says():
+    """Of Python and of the license."""
+    root = PACKAGE.parent
+    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    oldest = project["requires-python"].removeprefix(">=")
+    for name, words in (("python", f"{oldest} or newer"), ("license", project["license"])):
+        assert f">{words}</text>" in (root / "docs" / "badges" / f"{name}.svg").read_text()

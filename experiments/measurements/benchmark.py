@@ -134,7 +134,8 @@ def short(record: Record) -> str:
     rows += [
         [
             f"jaxgrity with a step of {1e3 * cost['dt']:g} ms, {cost['dtype']}",
-            f"{1e-6 / (cost['seconds'] * cost['dt']):.1f} million steps per second",
+            f"{1 / (cost['seconds'] * record['duration']):,.0f} robots per second "
+            f"({1e-6 / (cost['seconds'] * cost['dt']):.1f} million steps)",
         ]
         for cost in [cost for cost in record["costs"] if cost["engine"] == ours][:1]
     ]

@@ -103,7 +103,7 @@ def write_gaits(path: Path, phases: np.ndarray) -> Path:
 # simulate
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_simulate_agrees_with_an_independent_program(jaxgrity, tmp_path):
     """16 gaits from a CSV: every component of every centre of mass within 1e-7 m."""
     gaits = write_gaits(tmp_path / "gaits.csv", np.array([row["phase"] for row in ANSWERS["gaits"]]))

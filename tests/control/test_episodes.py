@@ -157,7 +157,7 @@ def test_all_that_is_told_is_finite_under_actions_that_are_not(task, name, robot
         state = jax.vmap(env.step)(state, action)
         return state, (state.obs, state.reward, state.metrics, state.done)
 
-    states = jax.vmap(env.reset)(jax.random.split(jax.random.key(4), robots))
+    states = jax.jit(jax.vmap(env.reset))(jax.random.split(jax.random.key(4), robots))
     _, (obs, reward, metrics, done) = jax.jit(lambda s, a: jax.lax.scan(step, s, a))(states, actions)
     for told in (obs, reward, *metrics.values()):
         assert np.isfinite(told).all()

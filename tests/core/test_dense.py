@@ -33,11 +33,11 @@ def test_least_solutions_are_those_by_singular_values(size, rank, condition):
     values = np.where(np.arange(size) < rank, np.geomspace(1, 1 / condition, size), 0)
     matrix = (left * values) @ right.T
     for M, solve in (
-        (matrix, lambda b: least_solution(jnp.asarray(matrix), b)),
-        (matrix.T, lambda b: jax.linear_transpose(lambda c: least_solution(jnp.asarray(matrix), c), b)(b)[0]),
+        (matrix, lambda A, b: least_solution(A, b)),
+        (matrix.T, lambda A, b: jax.linear_transpose(lambda c: least_solution(A, c), b)(b)[0]),
     ):
         wanted = M @ random.normal(size=size)
-        found = solve(jnp.asarray(wanted))
+        found = jax.jit(solve)(matrix, wanted)
         np.testing.assert_allclose(M @ found, wanted, rtol=0, atol=1e-13)
         if rank == size:
             np.testing.assert_allclose(found, np.linalg.pinv(M, rcond=1e-12) @ wanted, rtol=0, atol=1e-8)

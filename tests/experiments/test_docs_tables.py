@@ -35,6 +35,12 @@ BLOCKS = {
 }
 
 
+@pytest.fixture(scope="module")
+def generated():
+    """The generated parts of every page."""
+    return update_docs.pages(ROOT)
+
+
 @pytest.fixture
 def copied(tmp_path):
     """README and docs, to be written to."""
@@ -45,21 +51,21 @@ def copied(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "count"), BLOCKS.items())
-def test_page_says_what_was_measured(name, count):
+def test_page_says_what_was_measured(name, count, generated):
     """Each table of a page holds what its file in docs/measured/ says; its pictures and links are there."""
     page = (ROOT / name).read_text(encoding="utf-8")
     marks = re.findall(r"<!-- measured: (\S+) -->", page)
     assert len(set(marks)) == len(marks) == count
-    blocks = update_docs.pages(ROOT)[name]
+    blocks = generated[name]
     assert set(marks) == set(blocks)
     assert filled(page, blocks) == page
     for target in re.findall(r"\]\(((?!http)[^)#]+)\)", page):
         assert ((ROOT / name).parent / target).exists(), target
 
 
-def test_every_block_is_a_table_or_a_list_of_commands():
+def test_every_block_is_a_table_or_a_list_of_commands(generated):
     """Prose is written by hand: between marks there are tables, the command that measured them, and nothing else."""
-    blocks = {mark: words for page in update_docs.pages(ROOT).values() for mark, words in page.items()}
+    blocks = {mark: words for page in generated.values() for mark, words in page.items()}
     commands = blocks.pop("library/commands").splitlines()
     assert all(line.startswith("    ") for line in commands)
     known = r"\|.*\||`python .*|\*\*float(32|64), (fixed|adapted) step\*\*, error in m|"

@@ -81,7 +81,7 @@ def driven_by(rows: list[dict[str, str]]):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("make", ["rods", "springs", "bodies"])
+@pytest.mark.parametrize("make", ["rods", pytest.param("springs", marks=pytest.mark.campaign), "bodies"])
 def test_mujoco_moves_the_robot_as_we_do(make, tmp_path):
     """Free flight of 0.05 s: centres of mass of all links, of the URDF in MuJoCo under the forces of the table."""
     scene = vertebra_scene() if make == "bodies" else parse_scene(RODS if make == "rods" else SPRUNG)

@@ -138,7 +138,7 @@ def test_a_pulley_in_a_body_has_no_force_or_moment_from_outside(mu):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mu", [None, 0.3])
+@pytest.mark.parametrize("mu", [pytest.param(None, marks=pytest.mark.campaign), 0.3])
 def test_powers_of_cables_over_pulleys_are_booked(booked, mu):
     """Of dampers, whose rate is that of the length, and of friction, which never drives."""
     found = booked(bracket(mu), spread=0.005)
@@ -148,7 +148,7 @@ def test_powers_of_cables_over_pulleys_are_booked(booked, mu):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("radius", [0.05, 0.3])
+@pytest.mark.parametrize("radius", [pytest.param(0.05, marks=pytest.mark.campaign), 0.3])
 @pytest.mark.parametrize("exact", [False, True], ids=["rk4", "exact"])
 def test_weights_over_a_pulley_fall_as_atwood_says(radius, exact):
     """a = g (M - m)/(M + m), whatever the radius; on exact contact, too, whose ground is out of reach."""

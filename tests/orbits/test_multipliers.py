@@ -90,7 +90,7 @@ def test_orbits_without_multipliers_are_refused(crawler):
         floquet_multipliers(scene, orbit, options=options, after=-1)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_on_exact_contact_an_orbit_that_attracts_has_the_multipliers_of_disturbed_robots(exact):
     """Of the same size, alike whichever cycle is taken; deviations that violate constraints add zeros."""
     from jaxgrity.orbits import find_orbit

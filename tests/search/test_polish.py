@@ -281,6 +281,7 @@ def test_polish_on_the_orbit_climbs_its_speed(rolling):
     assert np.all(np.diff([step.fitness for step in steps]) >= 0)
 
 
+@pytest.mark.campaign
 def test_polish_on_the_orbit_keeps_within_the_bound_on_rates(rolling):
     """The gradient asks for a higher frequency; the gait that is found is no quicker than the bound allows."""
     problem, genes, _ = rolling

@@ -108,7 +108,9 @@ def pendulum(radius: float, beyond: float, duration: float) -> tuple[float, np.n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("radius", [0.0, 0.05], ids=["rod", "capsule"])
+@pytest.mark.parametrize(
+    "radius", [pytest.param(0.0, marks=pytest.mark.campaign, id="rod"), pytest.param(0.05, id="capsule")]
+)
 def test_a_rod_tips_over_an_edge_as_its_equations_say(radius):
     """At second order, from where it lies flat. Its axis stays a radius from the edge."""
     angle, middle = pendulum(radius, 0.12, 0.3)
@@ -161,7 +163,7 @@ def thrown(number: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    "count", [pytest.param(10, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.campaign)]
+    "count", [pytest.param(4, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.campaign)]
 )
 def test_no_thrown_rod_enters_the_post_or_gains_energy(count):
     """But for the depth that a start may have, and a hundredth of its energy. A quarter of them would enter it."""

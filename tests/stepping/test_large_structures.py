@@ -51,10 +51,14 @@ SCENES = {
     "rigid": lambda: undamped(prism_tower(9, exact=True)),
     "held, with mass in cables": lambda: heavy_and_held(prism_tower(9, exact=False)),
 }
+SHOWN = ("exact", "held, with mass in cables")
+"""Those of `make test`: rigid struts with dampers, and springs with supports."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in SHOWN else pytest.mark.campaign) for name in SCENES]
+)
 def test_both_ways_find_the_same_limit(name):
     """Standing and aloft, by every method that takes the scene, with dampers, rigid struts and supports."""
     scene = SCENES[name]()

@@ -352,8 +352,13 @@ class Ramp(Surface):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ground", [PenaltyGround(1e4, 1.0), ExactGround()], ids=["penalty", "exact"])
-@pytest.mark.parametrize("surface", [HeightFunction(lambda x, y: np.float64(0.1) * x), Ramp()], ids=["function", "own"])
+@pytest.mark.parametrize(
+    ("ground", "surface"),
+    [
+        pytest.param(PenaltyGround(1e4, 1.0), Ramp(), id="penalty, own"),
+        pytest.param(ExactGround(), HeightFunction(lambda x, y: np.float64(0.1) * x), id="exact, function"),
+    ],
+)
 def test_heights_in_float64_serve_a_robot_in_float32(ground, surface):
     """It slides down as on the same slope of the library."""
     ends = []
