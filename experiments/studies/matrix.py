@@ -141,10 +141,12 @@ def matrix(
     Args:
         stages: which uses: "still" compiles little, "call" ends at the compiler, the others compile
         scenes: how many of the scenes, the first ones
-        known: record of a run that was interrupted, or of other stages; what it has tried is not tried again
+        known: record of a run that was interrupted, or of other stages, or the folder that `make verify` leaves
+            (.cache/matrix); what is known is not tried again
     """
     rows = covering(KINDS)[:scenes]
-    done = [] if known is None else json.loads(read_text(known))["rows"]
+    records = [] if known is None else sorted(known.glob("*.json")) if known.is_dir() else [known]
+    done = [row for record in records for row in json.loads(read_text(record))["rows"]]
     yield from done
     tried_before = {(each["scene"], each["use"]) for each in done}
     last = -1

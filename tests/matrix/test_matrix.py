@@ -1,6 +1,9 @@
 """What a user does with scenes of every kind ends right, or in one line that says why not."""
 
 import itertools
+import json
+from pathlib import Path
+from typing import Any
 
 import pytest
 from studies import matrix
@@ -11,6 +14,8 @@ from jaxgrity import InputError
 
 ROWS = covering(KINDS)
 """Of all scenes."""
+FOUND = Path(__file__).parents[2] / ".cache" / "matrix"
+"""Where campaigns leave what they found."""
 FIRST = 39
 """Number of the scene of which `make test` tries something: one with contact along struts, wind and a push."""
 
@@ -50,10 +55,11 @@ def test_ends_of_uses_are_told_apart():
     assert ends == ["refused", "wrong", "wrong", "raw"]
 
 
-def ended_well(k: int, use: str, case: Case) -> None:
-    """Right, or refused as docs/matrix.md lists it."""
+def ended_well(k: int, use: str, case: Case) -> dict[str, Any]:
+    """What came of it: right, or refused as docs/matrix.md lists it."""
     found = tried(matrix.USES[use], case)
     assert found["end"] in ("right", "refused"), (ROWS[k], use, found)
+    return {"scene": k, "use": use, **found}
 
 
 @pytest.mark.slow
@@ -66,8 +72,11 @@ def test_some_uses_of_a_scene():
 @pytest.mark.campaign
 @pytest.mark.parametrize("k", range(len(ROWS)))
 def test_all_uses(k):
-    """All that are tried on a scene, one after the other, so that they share its motion."""
+    """All that are tried on a scene, one after the other, so that they share its motion.
+
+    What came of them stays in .cache/matrix, from which `matrix --known` makes the record of docs/matrix.md.
+    """
     case = Case(ROWS[k])
-    for number, use in matrix.jobs(ROWS, tuple(matrix.USES)):
-        if number == k:
-            ended_well(k, use, case)
+    uses = [use for number, use in matrix.jobs(ROWS, tuple(matrix.USES)) if number == k]
+    FOUND.mkdir(parents=True, exist_ok=True)
+    (FOUND / f"{k:02}.json").write_text(json.dumps({"rows": [ended_well(k, use, case) for use in uses]}))
