@@ -271,8 +271,10 @@ def _others_that_touch(model: Any, data: Any, losses: Losses) -> None:
     if beside or any(_meets(model, one, moving) for one in standing):
         losses.lose("contact", "bodies touch what stands beside the plane")
     if len(pairs) or any(_meets(model, one, moving[k + 1 :]) for k, one in enumerate(moving)):
-        met = _met(model, data, body) or "bodies that meet each other touch"
-        losses.note(f"{met} there; here they pass through each other")
+        if met := _met(model, data, body):
+            losses.lose("contact", f"{met}; here they would pass through each other")
+        else:
+            losses.note("bodies that meet each other touch there; here they pass through each other")
 
 
 def _met(model: Any, data: Any, body: np.ndarray) -> str:

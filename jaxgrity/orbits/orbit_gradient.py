@@ -30,8 +30,8 @@ from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobilit
 from jaxgrity.stepping.loop import Carried, carried_at, numbered, repeated
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 
-MOST_CYCLES = 40
-"""Most cycles through which tangents are carried."""
+FEWEST_CYCLES, MOST_CYCLES = 3, 40
+"""Fewest and most cycles through which tangents are carried: two cannot show whether they settle."""
 SETTLED_TO = 1e-5
 """Largest change of any derivative over a cycle, as a share of the largest derivative, at which tangents have
 settled."""
@@ -149,8 +149,9 @@ def derivatives_along(
     """
     if not orbit.verified_for:
         raise InputError("orbit: its rollout failed; expected one that was watched to the end")
-    if most_cycles < 3:
-        raise InputError(f"most_cycles = {most_cycles}: expected at least 3, to see whether tangents settle")
+    if most_cycles < FEWEST_CYCLES:
+        expected = f"expected at least {FEWEST_CYCLES}, to see whether tangents settle"
+        raise InputError(f"most_cycles = {most_cycles}: {expected}")
     here = restarted(scene, orbit)
     chosen = resolve(here, orbit.period, in_step(scene, orbit.period, options))
     assert chosen.dt is not None, "`in_step` gives a step"

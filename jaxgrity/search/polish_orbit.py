@@ -18,7 +18,7 @@ from jaxgrity.core.types import AnyArray, Scalar
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
 from jaxgrity.model.scene import Scene, body_length, with_gait
 from jaxgrity.orbits.finding import find_orbit, shortest_watch
-from jaxgrity.orbits.orbit_gradient import derivatives_along, numbers_of
+from jaxgrity.orbits.orbit_gradient import FEWEST_CYCLES, MOST_CYCLES, derivatives_along, numbers_of
 from jaxgrity.populations.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait
 from jaxgrity.search.genetic_algorithm import SearchProblem
@@ -74,7 +74,7 @@ def climb_on_orbit(
         return judge(key, judges, gaits)
 
     best, length, steps = judged(genes), config.learning_rate, []
-    spent, memory, slope = float(price), optimiser.init(genes), orbit_slope(problem, genes, options)
+    spent, memory, slope = float(price), optimiser.init(genes), orbit_slope(problem, genes, options, rollouts - price)
     spent += slope.cost
     while not slope.remark and spent + price <= rollouts and length >= SHORTEST * config.learning_rate:
         update, after = optimiser.update(slope.gradient, memory)
@@ -93,15 +93,18 @@ def climb_on_orbit(
             best, genes, memory = found, tried, after
             if spent + slope.cost + price > rollouts:
                 break
-            slope = orbit_slope(problem, genes, options)
+            slope = orbit_slope(problem, genes, options, rollouts - spent)
             spent += slope.cost
         else:
             length, memory = length / 2, optimiser.init(genes)
     return Climb(genes, tuple(steps), int(spent), slope.remark)
 
 
-def orbit_slope(problem: SearchProblem, genes: OneGait, options: ResolvedOptions) -> OrbitSlope:
-    """The steady speed of the gait that genes stand for, and its gradient in them, as far as there is an orbit."""
+def orbit_slope(
+    problem: SearchProblem, genes: OneGait, options: ResolvedOptions, rollouts: float = np.inf
+) -> OrbitSlope:
+    """The steady speed of the gait that genes stand for, and its gradient in them, as far as there is an orbit, and
+    `rollouts` pay for the tangents."""
     scene, genome, duration, _ = problem
     assert scene.gait is not None, "a search refuses a scene without a gait"
     here = with_gait(scene, one_gait(genome.gaits(scene.gait, jnp.asarray(genes)[None]), 0))
@@ -112,9 +115,14 @@ def orbit_slope(problem: SearchProblem, genes: OneGait, options: ResolvedOptions
     cost, nothing = DOUBLE * watch / duration, np.zeros(len(directions))
     if not orbit.settled:
         return OrbitSlope(orbit.speed / size, nothing, cost, 0.0, "the robot settles on no orbit")
-    found = derivatives_along(here, orbit, directions[counts], options=options)
+    price = DOUBLE * (1 + TANGENT * len(counts)) * orbit.cycle / duration
+    most = int(min(MOST_CYCLES, (rollouts - cost) / price))
+    if most < FEWEST_CYCLES:
+        remark = "the derivative of the orbit's speed costs more rollouts than are left"
+        return OrbitSlope(orbit.speed / size, nothing, cost, 0.0, remark)
+    found = derivatives_along(here, orbit, directions[counts], options=options, most_cycles=most)
     watched = found.cycles * orbit.cycle
-    cost += DOUBLE * (1 + TANGENT * len(counts)) * watched / duration
+    cost += price * found.cycles
     gradient = nothing.copy()
     gradient[counts] = found.rows[:, 0] / size
     remark = "" if found.settled else "the orbit has no derivative: tangents do not settle"

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from jaxgrity import simulate
+from jaxgrity import InputError, simulate
 from jaxgrity.formats import read_mjcf
 
 mujoco = pytest.importorskip("mujoco")
@@ -115,13 +115,15 @@ def test_springs_that_are_compressed_push(tmp_path):
     assert "1 tendons push as well as pull, and are struts" in notes
 
 
-def test_bodies_that_hit_each_other_are_named(tmp_path):
+def test_bodies_that_hit_each_other_are_refused(tmp_path):
     """MuJoCo shows whether they do: two that a spring pulls together do, and do not where it is slack."""
     ball = '<geom type="sphere" size="0.05" pos="0 0 {}" mass="0.1"/>'
     bodies = body(inside=ball.format(-0.1)) + body("b", "0 0 0.4", inside=ball.format(0.1))
     text = model(bodies).replace('site="w"', 'site="b1"').replace('site="a0"', 'site="a1"')
-    (said,) = (note for note in found(tmp_path, text).notes if "pass through each other" in note)
-    assert re.match(r"bodies a and b touch each other 0\.\d+ s after the start there; here they pass", said)
+    said = r"bodies a and b touch each other 0\.\d+ s after the start; here they would pass through each other"
+    with pytest.raises(InputError, match=said):
+        found(tmp_path, text)
+    assert any(re.match(f"dropped: {said}", note) for note in found(tmp_path, text, drop=["contact"]).notes)
     slack = found(tmp_path, text.replace('springlength="0 0.4"', 'springlength="0 0.7"'))
     assert "bodies that meet each other touch there; here they pass through each other" in slack.notes
 

@@ -281,6 +281,15 @@ def test_polish_on_the_orbit_climbs_its_speed(rolling):
     assert np.all(np.diff([step.fitness for step in steps]) >= 0)
 
 
+def test_polish_on_the_orbit_spends_no_more_than_it_may(rolling, monkeypatch):
+    """If tangents cost more than is left, it ends where it began, and says so."""
+    monkeypatch.setattr("jaxgrity.search.polish_orbit.TANGENT", 100.0)
+    result = on_orbit(rolling, 30)
+    assert result.rollouts <= 30
+    assert not result.improved
+    assert "the derivative of the orbit's speed costs more rollouts than are left" in result.reason
+
+
 @pytest.mark.campaign
 def test_polish_on_the_orbit_keeps_within_the_bound_on_rates(rolling):
     """The gradient asks for a higher frequency; the gait that is found is no quicker than the bound allows."""
