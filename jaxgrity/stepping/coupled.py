@@ -137,7 +137,7 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
     # scaled by what each node answers while struts keep their lengths, feet of a gramme and hulls of a kilogramme are
     # alike to Newton's method; a node that cannot move answers nothing, and gets a floor
     if problem.reach is not None:
-        D = problem.reach.reshape(-1, 3 * nodes)
+        D = problem.reach.reshape(-1, problem.start.size)
         own = jnp.sum((D @ free) * D, axis=1).reshape(-1, 3).mean(1)
     else:
         own = jnp.trace(free.reshape(nodes, 3, nodes, 3).diagonal(axis1=0, axis2=2)) / 3
