@@ -90,6 +90,6 @@ def words(record: Record) -> str:
         ["from a slider to its rollout: slowest", f"{record['slowest_answer']:.2f} s"],
         ["programs compiled after the first 20 rollouts", str(record["compiled_later"])],
         ["memory after 20 rollouts", f"{record['megabytes_settled']:.0f} MB"],
-        ["largest growth of memory after these", f"{record['largest_growth']:.1%}"],
+        ["largest growth of memory after the first 20 rollouts", f"{record['largest_growth']:.1%}"],
     ]
     return table(["a long session", "measured"], rows)
