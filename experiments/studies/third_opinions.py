@@ -104,7 +104,7 @@ def words(record: Record) -> str:
 @third_opinions.figure(7, 3.4)
 def figure(record: Record, chart: Figure) -> None:
     """The speed of each robot on each engine."""
-    speeds = {row["engine"].partition(" (")[0]: np.asarray(row["speeds"]) for row in record["rows"]}
+    speeds = {row["engine"]: np.asarray(row["speeds"]) for row in record["rows"]}
     axes = chart.subplots()
     for k, values in enumerate(speeds.values()):
         axes.plot(values, k + 0.15 * np.linspace(-1, 1, len(values)), "o", markersize=4)
