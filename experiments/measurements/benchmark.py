@@ -262,6 +262,7 @@ def figure(record: Record, chart: Figure) -> None:
     for name, dtype in dict.fromkeys((p.engine, p.dtype) for p in points):
         line = [p for p in points if (p.engine, p.dtype) == (name, dtype) and np.isfinite(p.error)]
         style = {"color": colours[name], "ls": "-" if dtype == "float64" else ":", "marker": "o", "ms": 4}
+        style |= {} if dtype == "float64" else {"mfc": "white"}
         axes.loglog(
             [p.seconds for p in line], [p.error for p in line], label=f"{WRITTEN.get(name, name)}, {dtype}", **style
         )

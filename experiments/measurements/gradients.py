@@ -241,11 +241,12 @@ def figure(record: Record, chart: Figure) -> None:
     left.set_yticks(np.arange(len(names)) + 0.1 * (len(cases) - 1), names)
     left.invert_yaxis()
     left.set(xscale="log", xlim=(1, None), xlabel="time of a gradient, in rollouts")
-    left.legend()
+    above = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}  # where no bar and no curve is
+    left.legend(ncols=2, **above)
     for name, found in record["memory"].items():
         right.loglog(record["lengths"], np.array(found) / 2**20, "o-", label=name)
-    right.set(xlabel="length of the rollout (s)", ylabel="memory (MiB)", title=f"{cases[-1][0]} gaits, 6 phases")
+    right.set(xlabel="length of the rollout (s)", ylabel=f"memory (MiB),\n{cases[-1][0]} gaits, 6 parameters")
     right.set_xticks(record["lengths"], [f"{t:g}" for t in record["lengths"]])
     right.minorticks_off()
-    right.legend()
+    right.legend(**above)
     right.grid(alpha=0.3)

@@ -141,5 +141,5 @@ def figure(record: Record, chart: Figure) -> None:
         axes.axhline(0, color="black", linewidth=0.8)
         axes.set_ylabel(f"{name} ({unit})")
     chart.axes[0].set_title("Camera less simulation, runs held out: each, and their mean")
-    chart.axes[0].legend(fontsize=8)
+    chart.legend(*chart.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     chart.axes[2].set_xlabel("command")

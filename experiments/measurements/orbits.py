@@ -100,9 +100,10 @@ def figure(record: Record, chart: Figure) -> None:
         gait, contact = name.split(", ")
         here = near if np.abs(path - path[0]).max() < NEAR else far
         style = {"color": colours[gait], "linestyle": "-" if contact == "exact" else "--", "linewidth": 1.0}
+        style |= {} if contact == "exact" else {"marker": "o", "markersize": 3, "markevery": 0.1}
         here.plot(*(path - path[0]).T, label=name, **style)
     for axes, title in ((far, "centre of mass, from above"), (near, f"gaits that turn, within {NEAR:g} m")):
         axes.set(xlabel="x (m)", ylabel="y (m)", title=title)
         axes.set_aspect("equal", adjustable="datalim")
         if axes.lines:
-            axes.legend(fontsize="small", loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)

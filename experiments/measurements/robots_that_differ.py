@@ -93,6 +93,7 @@ def figure(record: Record, chart: Figure) -> None:
     for name, found in every.items():
         gait, contact = name.split(", ")
         line = {"color": f"C{gaits.index(gait)}", "linestyle": "-" if contact == "exact" else "--"}
+        line |= {} if contact == "exact" else {"marker": "o", "markersize": 4, "markevery": 0.1}
         axes.plot(np.linspace(0, 100, len(found)), np.sort(found), label=name, **line)
     axes.set(xlabel="robots (%), slowest first", ylabel="speed along the path (body lengths/s)", ylim=(0, None))
     axes.set_title("Perturbed robots")

@@ -114,6 +114,6 @@ def figure(record: Record, chart: Figure) -> None:
     left, right = chart.subplots(1, 2)
     spread = [np.degrees(row["turning_spread"]) for row in rows]
     left.errorbar(bends, [np.degrees(row["turning"]) for row in rows], spread, fmt="o-", capsize=2)
-    left.set(xlabel="bend", ylabel="turning (°/s), median,\nand standard deviation")
+    left.set(xlabel="bend (-1 to 1)", ylabel="turning (°/s): median\nand standard deviation")
     right.plot(bends, [row["speed"] for row in rows], "o-")
-    right.set(xlabel="bend", ylabel="speed (m/s)", ylim=(0, None))
+    right.set(xlabel="bend (-1 to 1)", ylabel="speed (m/s)", ylim=(0, None))

@@ -266,6 +266,7 @@ def figure(record: Record, chart: Figure) -> None:
     for method, dtype in dict.fromkeys((row["method"], row["dtype"]) for row in known):
         line = [row for row in known if (row["method"], row["dtype"]) == (method, dtype)]
         style = {"color": COLOURS[method], "ls": "-" if dtype == "float64" else ":", "marker": "o", "ms": 3.5}
+        style |= {} if dtype == "float64" else {"mfc": "white"}
         for axes, cost in zip(panels, ("seconds", "evaluations")):
             axes.loglog([row[cost] for row in line], [row["error"] for row in line], label=f"{method} {dtype}", **style)
     for axes in panels:

@@ -116,7 +116,7 @@ def subset_row(name: str, found: list[float]) -> Row:
 
 @plot.styled
 def figure(frequencies, slow: dict, paths: dict, spread: dict) -> Figure:
-    chart = Figure(figsize=(15, 4.5), layout="constrained")
+    chart = Figure(figsize=(11, 4.6), layout="constrained")
     moved, above, draws = chart.subplots(1, 3)
     for k, (name, found) in enumerate(slow.items()):
         for kind, style in (("struts", "o-"), ("cables", "s--")):
@@ -128,13 +128,13 @@ def figure(frequencies, slow: dict, paths: dict, spread: dict) -> Figure:
     draws.boxplot([np.array(d)[np.isfinite(d)] for d in spread.values()], tick_labels=list(spread), whis=(0, 100))
     draws.set_yscale("log")
     moved.set(xlabel="frequency (Hz)", ylabel="displacement in two periods (m)")
-    above.set(xlabel="x (m)", ylabel="y (m)", title=f"{REFERENCE} at {frequencies[-1]:g} Hz")
+    above.set(xlabel="x (m)", ylabel="y (m)", title=f"{REFERENCE}, {frequencies[-1]:.3g} Hz")
     above.axis("equal")
     draws.set(ylabel="displacement (m)", title="a random fifth of the cables")
     moved.set_xticks(frequencies, [f"{f:.3g}" for f in frequencies])
     moved.minorticks_off()
-    moved.legend(fontsize=8, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1.0))
-    above.legend(fontsize=8)
+    for axes in (moved, above):
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16))
     for axes in (moved, above, draws):
         axes.grid(alpha=0.3)
     return chart

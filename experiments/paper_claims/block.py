@@ -212,10 +212,10 @@ def figure(facts: dict, dropped: dict) -> Figure:
     exact = [(float(a), row["exact"]) for a, row in facts["cone"].items() if row["exact"] > 0]
     slid.semilogy(*zip(*exact), "k_", ms=14, label="exact")
     slid.axvline(FRICTION_ANGLE, color="k", lw=0.6, ls=":", label="friction angle")
-    slid.set(xlabel="incline (degrees)", ylabel="slid in 5 s (m)")
+    slid.set(xlabel="incline (degrees)", ylabel="distance slid in 5 s (m)")
     deep.set(xlabel="time (s)", ylabel="depth below the plane (mm)", xlim=(0, 1), ylim=(-10, 4))
-    ratio.axhline(MU, color="k", lw=0.6, ls=":", label="mu")
-    ratio.set(xlabel="time (s)", ylabel="|F_t| / F_n", xlim=(0, 1))
+    ratio.axhline(MU, color="k", lw=0.8, ls="-.", label="mu")
+    ratio.set(xlabel="time (s)", ylabel="friction / normal force", xlim=(0, 1))
     lines = {label: line for axes in (slid, ratio) for line, label in zip(*axes.get_legend_handles_labels())}
     for axes in (slid, deep, ratio):
         axes.grid(alpha=0.3)

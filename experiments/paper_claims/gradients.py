@@ -146,12 +146,12 @@ def rows(facts: dict) -> list[Row]:
 def figure(cable: dict) -> Figure:
     chart = Figure(figsize=(9, 3.8), layout="constrained")
     force, stiffness = chart.subplots(1, 2)
-    force.plot(1e3 * cable["stretch"], cable["force"], label="dPhi/dl")
-    stiffness.plot(1e3 * cable["stretch"], cable["stiffness"], drawstyle="steps-mid", label="d2Phi/dl2")
-    force.set(xlabel="l - L0 (mm)", ylabel="force (N)")
-    stiffness.set(xlabel="l - L0 (mm)", ylabel="stiffness (N/m)")
+    force.plot(1e3 * cable["stretch"], cable["force"])
+    # the stiffness jumps after the last sample that has none, which is that of l = L0
+    stiffness.plot(1e3 * cable["stretch"], cable["stiffness"], drawstyle="steps-pre")
+    force.set(xlabel="stretch l - L0 (mm)", ylabel="force (N)")
+    stiffness.set(xlabel="stretch l - L0 (mm)", ylabel="stiffness (N/m)")
     for axes in (force, stiffness):
         axes.grid(alpha=0.3)
-        axes.legend()
         axes.xaxis.set_major_locator(MaxNLocator(5))
     return chart

@@ -117,13 +117,13 @@ def mass_row(name: str, found: dict) -> Row:
 
 @plot.styled
 def figure(values: tuple[float, ...], strains: dict) -> Figure:
-    chart = Figure(figsize=(6.5, 4.5), layout="constrained")
+    chart = Figure(figsize=(6.5, 5.5), layout="constrained")
     axes = chart.subplots()
     for k, (name, found) in enumerate(strains.items()):
         for kind, style in (("allowed", "o-"), ("any", "s--")):
             row = found[kind]
             axes.loglog(values, row["strain"], style, color=f"C{k}", label=f"{name}, {kind}: slope {row['slope']:.2f}")
-    axes.set(xlabel="stiffness of the struts (N/m)", ylabel="largest |l - L| (m)")
+    axes.set(xlabel="stiffness of the struts (N/m)", ylabel="largest change of a strut's length (m)")
     axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=8)
+    chart.legend(loc="outside lower center", ncols=2)
     return chart

@@ -73,5 +73,5 @@ def figure(facts: dict) -> Figure:
     axes.axhline(np.finfo(float).eps, color="k", lw=0.6, ls=":", label="rounding of 1 m")
     axes.set(xlabel="steps of 5e-4 s", ylabel="largest difference (m)")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
+    axes.legend(loc="upper left")
     return chart

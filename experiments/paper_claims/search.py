@@ -74,7 +74,7 @@ def figure(facts: dict) -> Figure:
     axes = chart.subplots()
     for k, (name, found) in enumerate(facts.items()):
         generations = np.arange(1, len(found["best"]) + 1)
-        axes.plot(generations, found["best"], "-", color=f"C{k}", label=f"{name}: best")
+        axes.plot(generations, found["best"], "o-", ms=3, color=f"C{k}", label=f"{name}: best")
         axes.plot(generations, found["median"], "--", color=f"C{k}", lw=0.8, label=f"{name}: median")
         bar = found["error_bar"] if np.isfinite(found["error_bar"]) else 0.0
         axes.errorbar(

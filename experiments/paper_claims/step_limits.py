@@ -70,7 +70,7 @@ def halving_row(name: str, found: list[float]) -> Row:
 
 @plot.styled
 def figure(values: tuple[float, ...], limits: dict) -> Figure:
-    chart = Figure(figsize=(6.5, 4.5), layout="constrained")
+    chart = Figure(figsize=(6.5, 5.5), layout="constrained")
     axes = chart.subplots()
     for k, (name, found) in enumerate(limits.items()):
         axes.loglog(values, [f["predicted"] for f in found], "-", color=f"C{k}", label=f"{name}, predicted")
@@ -78,5 +78,5 @@ def figure(values: tuple[float, ...], limits: dict) -> Figure:
     axes.axhline(STEP, color="k", ls="--", lw=0.8, label="the paper's step")
     axes.set(xlabel="stiffness of the struts (N/m)", ylabel="largest stable step (s)")
     axes.grid(alpha=0.3, which="both")
-    axes.legend(fontsize=8)
+    chart.legend(loc="outside lower center", ncols=2)
     return chart

@@ -163,7 +163,7 @@ def figure(record: Record, chart: Figure) -> None:
         axes.set_xticks([], minor=True)
     speed.set(ylabel="steady speed (m/s)", title="How fast")
     cost.set(ylabel="cost of transport", title="At what cost")
-    design.set(ylabel="times the scene's number", title="Design of robot and gait")
+    design.set(ylabel="multiple of the scene's number", title="Design of robot and gait")
     for axes in (speed, cost, design):
         axes.set_ylim(0, 1.08 * axes.get_ylim()[1])  # room for a mark at the top
     speed.legend()

@@ -92,6 +92,6 @@ def figure(record: Record, chart: Figure) -> None:
         ends = np.array([errors.min(), errors.max()])
         axes.loglog(ends, ends, "k-", lw=0.8, label="bar = error")
         axes.loglog(ends, 5 * ends, "k:", lw=0.8, label="bar = 5 times the error")
-        axes.legend(fontsize="small")
         axes.set(xlabel="true error (m)", ylabel="error bar (m)")
         axes.set_title(f"{row['scene']}, {row['duration']:g} s: {row['covered']:.0%} covered")
+    chart.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)

@@ -215,18 +215,17 @@ def figure(record: Record, chart: Figure) -> None:
     """Deviations over cycles, and the map over a cycle, close up; by gait and part of the step."""
     own = [row for row in record["rows"] if "curves" in row and row["part"] == 1]
     mapped = [row for row in record["rows"] if "map" in row]
-    chart.set_size_inches(4.5 + 4 * len(mapped), 4)
+    chart.set_size_inches(3.6 + 3.7 * len(mapped), 4.4)
     first, *others = chart.subplots(1, 1 + len(mapped))
-    for row, style in zip(own, ("--", "-"), strict=True):
+    for row, style, place in zip(own, ("--", "-"), (0, len(SIZES)), strict=True):
         for k, (size, curve) in enumerate(zip(SIZES, row["curves"], strict=True)):
             middle = 1e3 * np.maximum(curve, 1e-13)
             label = f"{row['gait']}, {size:g} m/s"
-            first.semilogy(np.arange(1, len(middle) + 1), middle, style, color=f"C{k}", label=label, linewidth=1.2)
+            first.semilogy(np.arange(1, len(middle) + 1), middle, style, color=f"C{place + k}", label=label)
     first.set(xlabel="cycles since the disturbance", ylabel="shape differs by (mm)", title="disturbed robots")
-    first.set_ylim(1e-11, 1e5)
-    first.legend(fontsize="x-small", ncol=2, loc="upper center")
+    chart.legend(*first.get_legend_handles_labels(), loc="outside lower center", ncols=len(own))
     for axes, row in zip(others, mapped, strict=True):
         moved, after = (1e3 * np.array(part) for part in row["map"])
         axes.plot(moved, after, ".", markersize=2)
-        axes.set(xlabel="moved along its unstable direction (mm)", ylabel="shape a cycle later (mm)")
+        axes.set(xlabel="moved in the unstable direction (mm)", ylabel="shape a cycle later (mm)")
         axes.set_title(f"{row['gait']}, {'own step' if row['part'] == 1 else '1/{part} of the step'.format(**row)}")

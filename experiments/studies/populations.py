@@ -115,5 +115,5 @@ def figure(record: Record, chart: Figure) -> None:
                 axes.loglog([row["gaits"] for row in rows], each, style, color=colour, label=label)
         axes.set(xlabel="gaits", title=method)
         axes.grid(alpha=0.3, which="both")
-        axes.legend()
+    chart.legend(*chart.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     chart.axes[0].set_ylabel("µs per gait and simulated second")

@@ -66,6 +66,6 @@ def figure(record: Record, chart: Figure) -> None:
     axes.loglog([row["samples"] for row in rows], [row["real_time"] for row in rows], "o-", base=2)
     axes.axhline(1.0, color="black", linewidth=0.8, linestyle=":")
     axes.annotate("real time", (rows[0]["samples"], 1.0), textcoords="offset points", xytext=(0, 4))
-    axes.set(xlabel="rollouts for each choice", ylabel="times real time", ylim=(0.8, 20))
+    axes.set(xlabel="rollouts for each choice", ylabel="speed (times real time)", ylim=(0.8, 20))
     axes.set_xticks([row["samples"] for row in rows], [f"{row['samples']}" for row in rows])
     axes.yaxis.set_major_formatter("{x:g}")

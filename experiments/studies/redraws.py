@@ -147,19 +147,24 @@ def words(record: Record) -> str:
         covered.setdefault(row["statistic"], {})[row["contact"]] = row["covered"]
     contacts = list(dict.fromkeys(row["contact"] for row in record["rows"]))
     told = lambda share: "-" if share is None else f"{100 * share:.0f} %"  # noqa: E731
-    first, second = (name for name in covered if name.startswith("fitness of "))
-    written = {GAIN: f"{second} less that of {first.removeprefix('fitness of ')}"}
+    written = said(record["rows"])
     head = ["± of", "should contain the true value", *(f"contains it, {c} contact" for c in contacts)]
-    rows = [
-        [written.get(name, name), "95 %", *(told(shares.get(c)) for c in contacts)] for name, shares in covered.items()
-    ]
+    rows = [[written[name], "95 %", *(told(shares.get(c)) for c in contacts)] for name, shares in covered.items()]
     return table(head, rows)
+
+
+def said(rows: list[Record]) -> dict[str, str]:
+    """The statistics in words, by their names."""
+    names = list(dict.fromkeys(row["statistic"] for row in rows))
+    first, second = (name for name in names if name.startswith("fitness of "))
+    return {name: name for name in names} | {GAIN: f"{second} less that of {first.removeprefix('fitness of ')}"}
 
 
 @redraws.figure()
 def figure(record: Record, chart: Figure) -> None:
     """By how much each draw is off, in ranges: within -1 and 1 a range covers."""
-    errors = {f"{row['statistic']}, {row['contact']}": np.asarray(row["off"]) for row in record["rows"]}
+    written = said(record["rows"])
+    errors = {f"{written[row['statistic']]}, {row['contact']}": np.asarray(row["off"]) for row in record["rows"]}
     chart.set_size_inches(8, 0.5 * len(errors) + 1.5)
     axes = chart.subplots()
     for k, off in enumerate(errors.values()):

@@ -61,14 +61,17 @@ def sampling_ways(
 def words(record: Record) -> str:
     """How soon each way of drawing samples leads to the goal."""
     cells = {
-        f"{record['samples']} rollouts for each choice": lambda row: (
-            f"{row['way']}, {row['knots']} bend{'s' * (row['knots'] > 1)}"
-        ),
+        f"{record['samples']} rollouts for each choice": written,
         "reached": lambda row: f"{row['reached']} of {record['trials']}",
         "time (standard deviation)": "{mean:.1f} ({deviation:.1f}) s",
         "a choice takes": "{milliseconds:.0f} ms",
     }
     return columns(record["rows"], cells)
+
+
+def written(row: Record) -> str:
+    """A way of drawing samples in words."""
+    return f"{row['way']}, {row['knots']} bend{'s' * (row['knots'] > 1)}"
 
 
 @sampling_ways.figure()
@@ -80,6 +83,6 @@ def figure(record: Record, chart: Figure) -> None:
     for place, row in enumerate(rows):
         axes.plot(row["seconds"], place + 0 * np.array(row["seconds"]), "o", markersize=4, alpha=0.6)
         axes.plot(np.mean(row["seconds"]), place, "|", color="black", markersize=16)
-    axes.set_yticks(range(len(rows)), [f"{row['way']}, {row['knots']}" for row in rows])
-    axes.set(xlabel="time to the goal (s)", ylabel="way, bends")
+    axes.set_yticks(range(len(rows)), [written(row) for row in rows])
+    axes.set(xlabel="time to the goal (s)")
     axes.invert_yaxis()

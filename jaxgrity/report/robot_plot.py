@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patheffects import withStroke
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.proj3d import proj_transform
@@ -47,8 +48,27 @@ def draw_robot(axes: Axes3D, scene: Scene, q: np.ndarray, number: bool = False) 
         artists.append(axes.add_collection3d(Line3DCollection(q[edges], colors=colour, linewidths=width)))
     artists.append(axes.scatter(*q.T, color="black", s=12, depthshade=False))
     if number:
-        artists += [axes.text(*(1.1 * (x - q.mean(0)) + q.mean(0)), str(k)) for k, x in enumerate(q)]
+        rim = [withStroke(linewidth=2, foreground="white")]  # where a member is behind it
+        places = beside(q, np.radians(axes.azim), np.radians(axes.elev))
+        for k, place in enumerate(places):
+            artists.append(axes.text(*place, str(k), ha="center", va="center", zorder=10, path_effects=rim))
     return artists
+
+
+def beside(q: np.ndarray, azimuth: float, elevation: float) -> np.ndarray:
+    """(nodes, 3), m: places outward of the nodes as one sees them, so that no number hides the node that it names.
+
+    Args:
+        q: (nodes, 3), m
+        azimuth: of the view, rad
+        elevation: of the view, rad
+    """
+    across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    upward = np.array([*(-np.sin(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])), np.cos(elevation)])
+    seen = np.stack([across, upward])
+    flat = (q - q.mean(0)) @ seen.T
+    far = np.linalg.norm(flat, axis=1, keepdims=True)
+    return q + 0.11 * far.max() * (flat / np.where(far > 0, far, 1.0)) @ seen
 
 
 @styled
