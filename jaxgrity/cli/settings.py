@@ -60,7 +60,8 @@ class DemoSettings:
 @dataclass
 class ObjectiveSettings:
     kind: str = "steady speed"
-    """steady speed, steady direction, steady turn, distance, direction, speed, cost of transport or straightness"""
+    """steady speed, steady direction, steady turn, distance, direction, speed, cost of transport, straightness or jump
+    height"""
     heading: float | None = None
     """heading for steady direction and direction, rad from +x"""
     turning: float | None = None
@@ -130,7 +131,7 @@ class SearchSettings:
     ramp: float | None = 0.75
     """time in which gaits reach their full amplitude, s; None: that of the scene's gait"""
     scaled: bool = True
-    """scale amplitudes down to the bound on the rate, ramp included; otherwise discard gaits beyond the bound"""
+    """scale amplitudes down to the bound on the rate, ramp included; otherwise gaits beyond the bound come last"""
     overtones: int = 0
     """number of overtones in each member's Fourier series"""
     waves: Literal["every", "axis", "none"] = "every"
@@ -277,7 +278,7 @@ class ConvertSettings:
     source: Annotated[str, Positional]
     """file to read (.toml, .yaml, .xml, .mat, .csv), or name of a library scene"""
     target: Annotated[Path, Positional]
-    """file to write (.toml, .xml, .mat, .csv, .urdf, .glb, .obj)"""
+    """file to write (.toml, .yaml, .xml, .mat, .csv, .urdf, .glb, .obj)"""
     settle: bool = False
     """first let the structure come to rest without gravity, and set it down on its ground"""
     unit: float | None = None

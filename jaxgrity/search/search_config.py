@@ -78,7 +78,7 @@ class SearchConfig:
     """bounds of each member's amplitude; None: the amplitudes of the scene's gait are kept"""
     scaled: bool = True
     """whether amplitudes are scaled down to the bound on the rate, if any, ramp included; otherwise gaits beyond the
-    bound are discarded, and only polishing looks at the ramp"""
+    bound come last, and only polishing looks at the ramp"""
     frequency: tuple[float, float] | None = (0.3, 1.6)
     """bounds of the gait's frequency, Hz; None: the frequency of the scene's gait is kept"""
     ramp: float | None = 0.75

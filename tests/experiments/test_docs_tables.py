@@ -26,6 +26,7 @@ BLOCKS = {
     "docs/gait_records.md": 18,
     "docs/accuracy.md": 13,
     "docs/terrain.md": 1,
+    "docs/seeing.md": 1,
     "docs/performance.md": 5,
     "docs/scaling.md": 3,
     "docs/identification.md": 4,
