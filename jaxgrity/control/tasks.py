@@ -97,14 +97,15 @@ def find_task(task: str | Task, scene: Scene) -> Task:
     """The task of that name, scaled to the scene's robot; a task of your own as it is.
 
     Raises `InputError` for an unknown name, and for a task of your own whose direction is none, or whose numbers are
-    not positive.
+    negative, or with nothing `averaged` or `reached`.
     """
     if isinstance(task, Task):
         if task.towards not in TOWARDS:
             raise InputError(f"task.towards = {task.towards!r}: expected one of {', '.join(TOWARDS)}")
         check_number("task.averaged", task.averaged, above=0.0, unit="s")
-        for name in ("bumps", "distance", "reached"):
+        for name in ("bumps", "distance"):
             check_number(f"task.{name}", getattr(task, name), least=0.0, unit="m")
+        check_number("task.reached", task.reached, above=0.0, unit="m")
         found = jax.eval_shape(task.wanted_direction, jnp.zeros(2), jnp.zeros(3))
         if getattr(found, "shape", None) != (2,):
             raise InputError(f"{type(task).__name__}.wanted_direction: returns {found}; expected shape (2,), x and y")

@@ -57,6 +57,8 @@ def least_solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
     It is linear in `right`, for derivatives in both modes, and starts no thread for many right-hand sides either. The
     matrix may be singular. Residuals have weights: the inverse lengths of rows.
     """
+    if not matrix.shape[1]:
+        return matrix.T @ right
     rows = _inverse_lengths(matrix.T)
     scaled = rows[:, None] * matrix
     columns = _inverse_lengths(scaled)

@@ -38,6 +38,8 @@ def carried(
         if body == 0:
             fixed += [(int(node), "xyz") for node in own]
         elif own_joints := points_of(shared, body):
+            if np.any(kinds == mujoco.mjtJoint.mjJNT_SLIDE):
+                raise InputError(f"body {name}: slides, and has a joint with another body; expected a free joint")
             rigid.append(_as_body(inertia_of(model, data, body), name, own, x, own_joints))
         elif is_free(model, body) and len(own) > 2:
             rigid.append(_as_body(inertia_of(model, data, body), name, own, x))

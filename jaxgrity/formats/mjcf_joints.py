@@ -128,7 +128,10 @@ def joints_of(model: Any, data: Any, losses: Losses) -> list[Joint]:
 def _along_hinge(model: Any, data: Any, j: int, bodies: set[int]) -> tuple[np.ndarray, np.ndarray]:
     """Two points on the axis of a hinge: the outermost sites there of its bodies, or as far out as the mass is."""
     own, axis, anchor = int(model.jnt_bodyid[j]), data.xaxis[j], data.xanchor[j]
-    arm = float(np.sqrt(model.body_inertia[own].sum() / model.body_mass[own]))
+    welded = model.body_weldid == model.body_weldid[own]
+    mass, at = model.body_mass[welded], data.xipos[welded]
+    away = at - mass @ at / mass.sum()
+    arm = float(np.sqrt((model.body_inertia[welded].sum() + mass @ (away**2).sum(1)) / mass.sum()))
     sites = data.site_xpos[np.isin(model.body_weldid[model.site_bodyid], sorted(bodies - {0}))] - anchor
     along = sites @ axis
     there = along[np.linalg.norm(sites - np.outer(along, axis), axis=1) <= APART * model.stat.extent]

@@ -269,7 +269,8 @@ def ramp_rates(gait: Gait, rest_lengths: PerMember) -> PerActuator:
     """
     xp = namespace_of(gait.phase)
     turn = 2 * np.pi * xp.maximum(gait.frequency, np.finfo(gait.phase.dtype).eps)
-    before = xp.minimum(_samples(gait), turn * gait.ramp)  # the end of the ramp, and within the ramp
+    samples = _samples(gait)
+    before = samples * xp.minimum(1, turn * gait.ramp / samples[-1])  # the end of the ramp, and within the ramp
     r, angle = 1 - before / (turn * gait.ramp), turn * (gait.start + gait.ramp) - before
     rate = (1 + _wave(gait, angle, xp)) / gait.ramp + r * turn * _wave_slope(gait, angle, xp)
     return rest_lengths * gait.amplitude / 2 * _highest(xp.abs(rate))

@@ -73,7 +73,9 @@ def _multipliers(scene: Scene, d: NodeVectors, wanted: PerMember) -> PerMember:
         response: AnyArray = jnp.einsum("ei,ijk,fj,ek,fk->ef", signs, own, signs, d, d)
     else:
         response = (signs / structure.node_mass) @ signs.T * (d @ d.T)
-    size = 1 / jnp.sqrt(jnp.diagonal(response))
+    answer = jnp.diagonal(response)
+    # a strut between supports answers nothing, and has no pull
+    size = jnp.where(answer > 0, 1 / jnp.sqrt(jnp.maximum(answer, jnp.finfo(d.dtype).tiny)), 0)
     ridge = max(REDUNDANT, 10 * float(jnp.finfo(d.dtype).eps)) * jnp.eye(len(edges), dtype=d.dtype)
     inverse = inverse_of(response * size[:, None] * size + ridge) * size[:, None] * size
     pulls = inverse @ wanted

@@ -317,8 +317,11 @@ def test_bad_input_is_refused(scene):
         control.environment(control.Task("moon"), scene)
     with pytest.raises(InputError, match=r"task.averaged = 0 s: expected a positive number"):
         control.environment(control.Task("anywhere", averaged=0.0), scene)
-    with pytest.raises(InputError, match=r"task.reached = -1 m: expected a finite number, at least 0"):
-        control.environment(control.Task("goal", reached=-1), scene)
+    with pytest.raises(InputError, match=r"task.distance = -1 m: expected a finite number, at least 0"):
+        control.environment(control.Task("goal", distance=-1), scene)
+    with pytest.raises(InputError, match=r"task.reached = 0 m: expected a positive number"):
+        # at the goal the direction to it would be 0/0
+        control.environment(control.Task("goal", reached=0.0), scene)
     bent = type("Bent", (control.Task,), {"wanted_direction": lambda self, aim, place: place})
     with pytest.raises(InputError, match=r"Bent.wanted_direction: returns .*expected shape \(2,\)"):
         control.environment(bent("heading"), scene)

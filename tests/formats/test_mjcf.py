@@ -352,6 +352,14 @@ REFUSED = {
         "</tendon></mujoco>",
         "body bob: slides on another body; expected ball joints and hinges",
     ),
+    "a body that slides and has a joint": (
+        '<mujoco><worldbody><site name="w"/><body name="cart"><joint type="slide" axis="1 0 0"/><geom size="1"/>'
+        '<site name="s"/><site pos="0 1 0"/><body pos="1 0 0"><joint type="ball"/><geom size="1"/><site/>'
+        '<site pos="0 1 0"/></body></body></worldbody>'
+        '<tendon><spatial stiffness="1" springlength="0 1"><site site="s"/><site site="w"/></spatial>'
+        "</tendon></mujoco>",
+        "body cart: slides, and has a joint with another body; expected a free joint",
+    ),
 }  # fmt: skip
 
 

@@ -64,6 +64,17 @@ def test_joined_bodies_move_as_in_mujoco(text, points, tmp_path):
     np.testing.assert_allclose(end, data.site_xpos, rtol=0, atol=1e-3)
 
 
+def test_a_hinge_whose_mass_is_in_welded_bodies_is_read_as_that_of_one_body(tmp_path):
+    """The massless parts between an axle and its wheel are part of that one body."""
+    plain = body(joint='<joint pos="0 0 0.4" axis="1 0 0"/>')
+    geom = plain[plain.index("<geom") : plain.index("<site")]
+    apart = plain.replace(geom, f"<body>{geom}</body>")
+    whole, welded = (found(tmp_path, model(text)).scene.structure for text in (plain, apart))
+    np.testing.assert_allclose(welded.nodes, whole.nodes, rtol=0, atol=1e-12)
+    assert welded.fixed == whole.fixed
+    np.testing.assert_allclose(welded.bodies[0].matrix, whole.bodies[0].matrix, rtol=1e-9, atol=1e-12)
+
+
 def test_included_files_are_read_in_their_places(tmp_path):
     """And pictures are left out, with the files that they need; messages name the line of the file that was given."""
     (tmp_path / "parts").mkdir()

@@ -45,6 +45,18 @@ def test_rates_in_the_ramp_are_those_of_the_rest_lengths(start, ramp):
         np.testing.assert_array_equal(ramp_rates(several, lengths), np.stack([ramp_rates(gait, lengths)] * 2))
 
 
+def test_rates_in_a_ramp_of_a_small_part_of_a_period_are_right_to_a_thousandth():
+    """Of 300 waves with six overtones; the steepest moment may be anywhere in the ramp."""
+    draw, many = np.random.default_rng(0), 300
+    overtones = tuple(Overtone(draw.uniform(0, 1, many), draw.uniform(0, 6, many)) for _ in range(6))
+    phase, frequency = draw.uniform(0, 6, many), draw.uniform(0.05, 1.0, many)
+    gait = Gait(tuple(range(many)), phase, np.full(many, 0.4), frequency, 0.3, 0.1, overtones)
+    times = np.linspace(0.3, 0.4, 2001)
+    shortened = np.asarray(jax.vmap(lambda t: contraction(gait, t))(times))
+    steepest = np.abs(np.diff(shortened, axis=0)).max(0) / (times[1] - times[0])
+    np.testing.assert_allclose(ramp_rates(gait, np.ones(many)), steepest, rtol=1e-3)
+
+
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_at_a_corner_of_the_ramp_the_derivative_is_the_mean_of_both_sides(dtype):
     """The corners are at 0.3 and 0.8 s; sums of steps of 0.1 s miss both by their rounding.

@@ -3,6 +3,7 @@
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy
@@ -12,6 +13,7 @@ from jaxgrity import ConeFriction, ExactGround, InputError, Members, Scene, Solv
 from jaxgrity.model import energy_of_motion, rigid_body
 from jaxgrity.stepping import resolve
 from jaxgrity.stepping.dynamics import angular_momentum
+from jaxgrity.stepping.rigid_multipliers import vector_field_with_multipliers
 
 SIZE, MASS = np.array([0.5, 0.3, 0.2]), 2.0
 """m, kg, of a box"""
@@ -84,6 +86,21 @@ def test_methods_without_impulses_follow_euler_as_exactly_as_they_say():
     np.testing.assert_allclose(end, centre + CORNERS @ tumbled(spin, duration).T, atol=1e-8)
     distances = lambda x: np.linalg.norm(x[:, None] - x, axis=-1)  # noqa: E731
     np.testing.assert_allclose(distances(end), distances(CORNERS), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_a_rigid_strut_between_supports_changes_nothing():
+    """Methods without impulses accelerate the other nodes as without it; here one hangs from both supports."""
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 0, -1]])
+    cables = Members(((0, 2), (1, 2)), [100.0, 200.0], [0.5, 0.6])
+    base = Members(((0, 1),), None, [1.0])
+    fixed = ((0, "xyz"), (1, "xyz"))
+    held, bare = (Scene(Structure(x, np.ones(3), struts, cables, fixed=fixed), 9.81) for struts in (base, None))
+    (_, found), (_, wanted) = (
+        vector_field_with_multipliers(0.0, (jnp.asarray(x), jnp.zeros((3, 3))), scene) for scene in (held, bare)
+    )
+    assert np.abs(wanted).max() > 1
+    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.campaign

@@ -77,7 +77,7 @@ def test_parts_are_what_bodies_and_rigid_struts_join():
         (False, 0, ()),
         pytest.param(True, 0, (), marks=pytest.mark.campaign),
         pytest.param(True, 5, (), marks=pytest.mark.campaign),
-        pytest.param(True, 4, (), marks=pytest.mark.slow),
+        pytest.param(True, 4, (), marks=pytest.mark.campaign),
         pytest.param(False, 0, ((1, "xyz"),), marks=pytest.mark.campaign),
         pytest.param(True, 0, ((0, "xz"), (7, "y")), marks=pytest.mark.campaign),
     ],
@@ -96,6 +96,26 @@ def test_parts_apart_move_as_all_together(third, balls, fixed):
     assert moved > 0.02
     np.testing.assert_allclose(apart.positions, together.positions, rtol=0, atol=1e-10)
     np.testing.assert_allclose(apart.velocities, together.velocities, rtol=0, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_parts_without_a_ball_move_as_all_together():
+    """Balls are on one of two rods alone; the other one, and a node of the net, touch nothing."""
+    scene = crossed()
+    nodes = np.r_[scene.structure.nodes, [[0.5, 0.5, 0.6]]]
+    net = (*scene.structure.cables.edges, (0, 4), (2, 4), (3, 4))
+    cables = Members(net, [300.0] * 7, 0.9 * edge_lengths(nodes, net), [2.0] * 7)
+    mass = np.array([0.0, 0.0, 0.0, 0.0, 0.2])
+    scene = dataclasses.replace(
+        scene,
+        structure=dataclasses.replace(scene.structure, nodes=nodes, node_mass=mass, cables=cables),
+        ground=ExactGround(balls=Balls((0, 1), [0.03, 0.02])),
+    )
+    assert [alike.contacts.shape for alike in separate_parts(scene)] == [(1, 2), (1, 0), (1, 0)]
+    apart, together = (simulate(each, 0.3, options=OPTIONS) for each in (scene, undivided(scene)))
+    assert not apart.failed
+    assert np.asarray(apart.positions)[:, 2, 2].min() < -0.05
+    np.testing.assert_allclose(apart.positions, together.positions, rtol=0, atol=1e-10)
 
 
 @pytest.mark.slow
