@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import jax
 import pytest
 from studies import matrix
 from studies.matrix_scenes import IMPOSSIBLE, KINDS, covering, pairs
@@ -76,6 +77,7 @@ def test_all_uses(k):
 
     What came of them stays in .cache/matrix, from which `matrix --known` makes the record of docs/matrix.md.
     """
+    jax.clear_caches()  # the programs of the scene before: together they fill the memory
     case = Case(ROWS[k])
     uses = [use for number, use in matrix.jobs(ROWS, tuple(matrix.USES)) if number == k]
     FOUND.mkdir(parents=True, exist_ok=True)
