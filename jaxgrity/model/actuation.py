@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from jaxgrity.core.arguments import check_all_finite, check_each, is_count
 from jaxgrity.core.display import of_report
@@ -245,12 +246,13 @@ def check_fit(gait: Gait, structure: Structure) -> None:
             )
 
 
-def peak_rates(gait: Gait, rest_lengths: PerMember) -> PerActuator:
+def peak_rates(gait: Gait, rest_lengths: Float[AnyArray, "*robots actuators"]) -> PerActuator:
     """Largest |dL/dt| of each actuated member over a period after the ramp, m/s; also for a population.
 
     It is L0 delta/2 2 pi f max |s'|, with the wave's derivative s' with respect to its angle. For a single sine,
     max |s'| is 1. With overtones it comes from samples of the wave, and parabolas through them. Samples begin at the
-    phase of the first harmonic, so the result depends only on the wave's shape. `rest_lengths` are L0, (actuators,), m.
+    phase of the first harmonic, so the result depends only on the wave's shape. `rest_lengths` are L0, m,
+    of one robot, or a row for each.
     """
     steepest: PerActuator | float = 1.0
     if gait.overtones:

@@ -65,17 +65,30 @@ class Fitness(eqx.Module):
         return 1 if self.uncertainty.none else self.robots
 
     def worth(
-        self, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar, masses: PerGait | None = None
+        self, scene: Scene, gaits: Gait, outcomes: Outcomes, duration: Scalar, differences: Differences | None = None
     ) -> tuple[PerGait, PerGait]:
         """(population,): the objective, and the excess over the bounds (`ActuatorBounds.excess`).
 
-        `masses` are those of the robots, kg; None: the scene's.
+        Of `differences`, those of masses and rest lengths count; None: all robots are that of the scene.
         """
-        rate = peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max(-1)
+        own = None if differences is None else self.own_numbers(differences)
+        told = lambda robot: (robot.mass, actuated_lengths(robot, gaits.members))  # noqa: E731
+        mass, lengths = told(scene.structure)
+        if own is not None and jax.tree.leaves(own):
+            mass, lengths = jax.vmap(lambda row: told(differing(scene, row).structure))(own)
         worth = self.objective.worth(scene, outcomes, duration)
-        if masses is not None and self.objective.per_mass:
-            worth = worth * (scene.structure.mass / masses)
-        return worth, self.bounds.excess(rate, outcomes.metrics)
+        if self.objective.per_mass:
+            worth = worth * (scene.structure.mass / mass)
+        return worth, self.bounds.excess(peak_rates(gaits, lengths).max(-1), outcomes.metrics)
+
+    def own_numbers(self, differences: Differences) -> Differences:
+        """What `worth` has to know of each robot."""
+        masses = differences.node_mass if self.objective.per_mass else None
+        return Differences(
+            node_mass=masses,
+            cable_rest_length=differences.cable_rest_length,
+            strut_rest_length=differences.strut_rest_length,
+        )
 
 
 @typed
@@ -159,8 +172,8 @@ def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -
     gaits, differences, outcomes = ensembles_rolled_out(
         key, model, gaits, duration, fitness, parts, fitness.needs_metrics
     )
-    factors = differences.node_mass if differences is not None and fitness.objective.per_mass else None
-    found = _worth(fitness, model.scene, gaits, outcomes, np.asarray(duration, float), factors)
+    own = None if differences is None else fitness.own_numbers(differences)
+    found = _worth(fitness, model.scene, gaits, outcomes, np.asarray(duration, float), own)
     objective, excess = (np.asarray(each)[:rows].reshape(-1, fitness.rollouts) for each in found)
     return objective, excess
 
@@ -198,13 +211,10 @@ def _worth(
     gaits: Gait,
     outcomes: Outcomes,
     duration: Scalar,
-    node_mass: Float[AnyArray, "population nodes"] | None,
+    differences: Differences | None,
 ) -> tuple[PerGait, PerGait]:
-    """`Fitness.worth` of robots whose nodes' masses differ by these factors."""
-    masses = None
-    if node_mass is not None:
-        masses = jax.vmap(lambda row: differing(scene, Differences(node_mass=row)).structure.mass)(node_mass)
-    return fitness.worth(scene, gaits, outcomes, duration, masses)
+    """`Fitness.worth`, compiled."""
+    return fitness.worth(scene, gaits, outcomes, duration, differences)
 
 
 def call_size(rows: int, model: Model) -> int:

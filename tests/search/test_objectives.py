@@ -162,6 +162,22 @@ def test_cost_of_transport_is_per_weight_of_each_robot(reference, monkeypatch):
     np.testing.assert_allclose(judging.judge(jax.random.key(0), asked, one).each, [expected], rtol=1e-12)
 
 
+def test_the_bound_on_rates_holds_for_the_cables_of_each_robot(reference, monkeypatch):
+    """A cable that is a tenth longer changes its length a tenth more quickly."""
+    cables = np.asarray(reference.structure.cables.rest_length)
+    factors = np.array([0.9, 1.0, 1.1])
+    amplitude, first = np.full((3, 1), 0.2), len(reference.structure.struts.edges)
+    gaits = Gait((first,), 0 * amplitude, amplitude, 1 + 0 * amplitude)
+    alike = jax.tree.map(lambda x: x[[1, 1, 1]], outcomes())
+    rolled = lambda *_: (gaits, Differences(cable_rest_length=factors[:, None] + 0 * cables), alike)  # noqa: E731
+    monkeypatch.setattr(judging, "ensembles_rolled_out", rolled)
+    bound = 0.2 * np.pi * float(cables[0])
+    fitness = Fitness(Distance(), Uncertainty(prestress=0.1), robots=3, bounds=ActuatorBounds(rate=bound * (1 + 1e-9)))
+    asked = judging.Judging((judging.Model(reference, None),), 8.0, fitness)
+    one = gaits_of(one_gait(gaits, 0), amplitude[:1])
+    np.testing.assert_allclose(judging.judge(jax.random.key(0), asked, one).excess, [[0, 0, 0.1]], atol=1e-6)
+
+
 def test_objectives_say_what_they_need():
     """Work, paths and bounds need metrics; distances come without. Objectives of distance have their units."""
     assert [kind().needs_metrics for kind in (Distance, Direction, Speed)] == [False] * 3
