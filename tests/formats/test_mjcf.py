@@ -285,6 +285,7 @@ PUBLIC = """
     <spatial name="idle" damping="0"><site site="a1"/><site site="b0"/></spatial>
   </tendon>
   <actuator><general tendon="driven"/></actuator>
+  <contact><exclude body1="a" body2="b"/></contact>
 </mujoco>
 """
 ROD = """

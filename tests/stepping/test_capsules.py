@@ -163,7 +163,7 @@ def thrown(number: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    "count", [pytest.param(4, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.campaign)]
+    "count", [pytest.param(10, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.campaign)]
 )
 def test_no_thrown_rod_enters_the_post_or_gains_energy(count):
     """But for the depth that a start may have, and a hundredth of its energy. A quarter of them would enter it."""
