@@ -163,6 +163,7 @@ def test_a_pyramid_of_friction_is_named(read):
 
 
 BALL = '<geom type="sphere" size="SIZE" pos="0.{k} 0.3 0.2" mass="0" MASKS/>'
+MEETING = 'contype="2" conaffinity="2"'
 BOX = '<geom type="box" size="0.01 0.01 0.01" pos="{a}" mass="0"/>'
 STEP = '<geom type="box" size="1 1 0.1" pos="1 0 0" contype="1"/>'
 MOVED = '<body mocap="true" pos="1 0 0"><geom type="box" size="1 1 0.1" contype="1"/></body>'
@@ -186,7 +187,9 @@ REFUSED = {
         prism().replace("<body", MOVED + "<body", 1), "contact", "bodies touch what stands beside the plane",
     ),
     "overlaps": (
-        prism(geoms=ROD + BALL.replace("SIZE", "0.2").replace("MASKS", 'contype="2" conaffinity="2"')), "contact", "touch each other at the start",
+        prism(geoms=ROD + BALL.replace("SIZE", "0.2").replace("MASKS", MEETING)),
+        "contact",
+        "touch each other at the start",
     ),
     "inside the plane": (prism(above=-0.05), "contact", "inside the plane"),
     "directions": (with_pairs(0.1, prism()).replace('"0.1 0.1"', '"0.1 0.3"', 1), "friction", "along two tangents"),
