@@ -71,24 +71,17 @@ class Fitness(eqx.Module):
 
         Of `differences`, those of masses and rest lengths count; None: all robots are that of the scene.
         """
-        own = None if differences is None else self.own_numbers(differences)
         told = lambda robot: (robot.mass, actuated_lengths(robot, gaits.members))  # noqa: E731
         mass, lengths = told(scene.structure)
-        if own is not None and jax.tree.leaves(own):
-            mass, lengths = jax.vmap(lambda row: told(differing(scene, row).structure))(own)
+        if differences is not None:
+            counts = ("node_mass", "cable_rest_length", "strut_rest_length")
+            own = Differences(**{name: getattr(differences, name) for name in counts})
+            if jax.tree.leaves(own):
+                mass, lengths = jax.vmap(lambda row: told(differing(scene, row).structure))(own)
         worth = self.objective.worth(scene, outcomes, duration)
         if self.objective.per_mass:
             worth = worth * (scene.structure.mass / mass)
         return worth, self.bounds.excess(peak_rates(gaits, lengths).max(-1), outcomes.metrics)
-
-    def own_numbers(self, differences: Differences) -> Differences:
-        """What `worth` has to know of each robot."""
-        masses = differences.node_mass if self.objective.per_mass else None
-        return Differences(
-            node_mass=masses,
-            cable_rest_length=differences.cable_rest_length,
-            strut_rest_length=differences.strut_rest_length,
-        )
 
 
 @typed
@@ -172,8 +165,7 @@ def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -
     gaits, differences, outcomes = ensembles_rolled_out(
         key, model, gaits, duration, fitness, parts, fitness.needs_metrics
     )
-    own = None if differences is None else fitness.own_numbers(differences)
-    found = _worth(fitness, model.scene, gaits, outcomes, np.asarray(duration, float), own)
+    found = _worth(fitness, model.scene, gaits, outcomes, np.asarray(duration, float), differences)
     objective, excess = (np.asarray(each)[:rows].reshape(-1, fitness.rollouts) for each in found)
     return objective, excess
 

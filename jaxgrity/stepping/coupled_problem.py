@@ -88,7 +88,7 @@ def eliminated(problem: Coupled, root_mass: PerNode, u: MemberVectors) -> Elimin
     nodes, weight = len(root_mass), jnp.repeat(root_mass, 3)
     J, inverse, B = response(problem, u)
     if problem.reach is not None:
-        D = problem.reach.reshape(3 * nodes, problem.start.size)  # there may be none
+        D = problem.reach.reshape(3 * nodes, problem.start.size)  # -1 fails without contacts
         return Elimination(u, J, inverse, weight[:, None] * (D @ B @ D.T) * weight)
     in_frame = jnp.einsum("iak,ikjl,jbl->iajb", problem.frame, B.reshape(nodes, 3, nodes, 3), problem.frame)
     return Elimination(u, J, inverse, weight[:, None] * in_frame.reshape(B.shape) * weight)
