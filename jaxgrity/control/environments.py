@@ -37,7 +37,8 @@ from jaxgrity.stepping.options import Options
 from jaxgrity.stepping.starts import check_start
 
 METRE_A_SECOND = MotorLimits(rate=1.0, stroke=0.5)
-"""Default limits of an environment's motors, m/s and share of a length: all gaits of the library fit in."""
+"""Default limits of an environment's motors, m/s and share of a length: the library's gaits fit in, but for "fast" and
+"uphill"."""
 
 
 ENDS = "", "reached", "failed", "late"
