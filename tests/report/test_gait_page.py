@@ -87,6 +87,24 @@ def test_an_orbit_is_closed_in_its_moving_frame(turn):
         np.testing.assert_allclose(seen, wobble, atol=1e-3)
 
 
+@pytest.mark.parametrize("turning", [0.0, 0.5])
+def test_the_moving_frame_goes_along_the_arc(exact, turning):
+    """In 4 s, on a circle too, where the way straight to its end is shorter by a sixth."""
+    times = np.linspace(0, 4.0, 161)
+    angle, zero = turning * times, 0 * times
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), zero], [np.sin(angle), np.cos(angle), zero], [zero, zero, 1 + zero]]
+    )
+    way = 0.8 * (times if turning == 0 else np.expm1(1j * angle) / (1j * turning))
+    nodes = np.einsum("abf,nb->fna", turn, np.asarray(exact.structure.nodes))
+    nodes = nodes + np.stack([np.real(way), np.imag(way), zero], axis=-1)[:, None]
+    done = jaxgrity.Trajectory(
+        times, nodes, 0 * nodes, np.zeros((), int), np.zeros((), int), np.zeros((), int), "", None
+    )
+    figure = plot.orbit_figure(exact, done, 4.0, turning)
+    assert figure.axes[1].get_title() == "about a frame that goes at 0.800 m/s"
+
+
 def test_a_cycle_must_be_within_the_motion(exact):
     """And there must be a ground whose touching nodes can be shown."""
     motion = jaxgrity.simulate(exact, 0.1)
