@@ -45,8 +45,8 @@ COLUMNS = {
 
 
 def unit(summary: dict[str, Any]) -> str:
-    """The unit of a search's objective."""
-    return find_objective(summary["objective"]).unit
+    """The unit of a search's objective; earlier versions left only its name."""
+    return summary["unit"] if "unit" in summary else find_objective(summary["objective"]).unit
 
 
 def main(settings: CompareSettings) -> None:

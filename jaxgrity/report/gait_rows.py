@@ -1,5 +1,6 @@
 """The result of a search, and how far to trust it, in words, by row headings of the report."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -124,7 +125,9 @@ def late_words(swing: float, duration: float) -> str:
     if swing <= settled:
         return ""
     told = f"counts the time from {settled:.3g} s on, but the gait is in full swing from {swing:.3g} s on"
-    return f"{told}: search with a duration of {swing / SETTLING:.3g} s or more"
+    enough = swing / SETTLING
+    last = 10.0 ** (math.floor(math.log10(enough)) - 2)  # of three digits, rounded up: with less it would be late again
+    return f"{told}: search with a duration of {math.ceil(enough / last - 1e-9) * last:g} s or more"
 
 
 def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, str]:

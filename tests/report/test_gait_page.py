@@ -9,7 +9,7 @@ from jaxgrity.cli import compare
 from jaxgrity.core.display import significant
 from jaxgrity.report import plot
 from jaxgrity.report.gait_report import leave_figures, write_page
-from jaxgrity.report.gait_rows import _chosen, distance_words, leading_sentences, outcome_rows, search_rows
+from jaxgrity.report.gait_rows import _chosen, distance_words, late_words, leading_sentences, outcome_rows, search_rows
 from jaxgrity.report.orbit_plot import _moving_frame
 from jaxgrity.report.steady import steady_rows
 
@@ -202,6 +202,22 @@ def test_the_row_of_the_objective_says_that_a_gait_is_late():
     )
     assert row(jaxgrity.SteadySpeed(), start=1.0, duration=8.0).endswith("on the other contact model")
     assert row(jaxgrity.Distance(), start=10.0, duration=20.0).endswith("on the other contact model")
+
+
+@pytest.mark.parametrize("swing", [11.0, 1.0 + 7 / 3, 0.012344, 2.5099, 249.9])
+def test_the_duration_that_is_said_to_be_enough_is(swing):
+    """With it, the gait is in full swing in time; it is no longer than three digits make it."""
+    told = late_words(swing, swing)
+    enough = float(told.split("a duration of ")[1].split()[0])
+    assert 4 * swing * (1 - 1e-12) <= enough <= 4.05 * swing
+    assert not late_words(swing, enough)
+
+
+def test_searches_by_objectives_of_ones_own_are_compared():
+    """Their record has the unit, as another program does not know the objective."""
+    robots = {"robust": {"mean": 0.5, "standard_deviation": 0.0, "standard_error": None}}
+    assert compare.COLUMNS["robust"]({**robots, "objective": "of my own", "unit": "kg"}) == "0.500 kg"
+    assert compare.COLUMNS["robust"]({**robots, "objective": "distance"}) == "0.500 m"
 
 
 def test_the_rows_say_how_sure_each_direction_is():
