@@ -96,19 +96,22 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Obje
         "contact model" + (f"; it {late}" if objective.steady and late else ""),
         "search": f"{rollouts} rollouts of the evolution; rank correlation (Spearman) of screening with {last}: "
         f"{plot.ranked(ranks)}; among evolved gaits {plot.ranked(among)}",
-        **_curse(summary),
+        **_curse(summary, last, unit),
         **_chosen(**summary["finalists"]),
         "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],
         "sensitivity at the end": finite_or(summary["diagnosis"].get("sensitivity", np.nan), "m/rad", "not known"),
     }
 
 
-def _curse(summary: dict[str, Any]) -> dict[str, str]:
-    """The best fitness by the draws that chose it, beside that of the finalist that goes on, by fresh ones."""
-    best = summary["searches"][-1]["best"][-1]
+def _curse(summary: dict[str, Any], level: str, unit: str) -> dict[str, str]:
+    """The best fitness by the draws that chose it, beside that of the finalist that goes on, by fresh ones on a level
+    that may be another one."""
+    evolved, fresh = summary["searches"][-1], summary["finalists"]["fitness"][0]
+    best, chosen = (f"{significant(each)} {unit}".rstrip() for each in (evolved["best"][-1], fresh))
+    beyond = "" if evolved["within"][-1] else ", of gaits beyond their bounds"
     return {
-        "fitness": f"{significant(best)}, best of the last generation, by the draws that chose it; "
-        f"{significant(summary['finalists']['fitness'][0])}, the chosen finalist, by fresh ones"
+        "fitness": f"{best}, best of the last generation{beyond}, by the draws that chose it; {chosen}, the chosen "
+        f"finalist, by fresh ones ({level})"
     }
 
 

@@ -191,8 +191,8 @@ def test_the_row_of_the_objective_says_that_a_gait_is_late():
     """Where steady objectives count time before full swing; a quick search of 8 s, with starts as usual, does not."""
     robots = {**STEADY["robust"], "step_error": 1e-3}
     known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": []}
-    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824]}]}
-    known |= {"fidelity": {"levels": [{"name": "own"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
+    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [0, 7]}]}
+    known |= {"fidelity": {"levels": [{"name": "both models"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
     known |= {"finalists": {"fitness": [1.0], "multipliers": None}, "diagnosis": {}, "ramp": 1.0}
     row = lambda objective, **when: search_rows({**known, **when}, None, objective)["objective"]  # noqa: E731
     late = row(jaxgrity.SteadySpeed(), start=10.0, duration=20.0)
@@ -226,8 +226,8 @@ def test_the_rows_say_how_sure_each_direction_is():
     lost = {"distance": 1.5, "error_bar": 11.0, "heading": 0.0}
     robots = {"mean": 0.6, "standard_deviation": 0.0, "standard_error": None, "robots": 1, "step_error": 2.5e-3}
     known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": [way, lost]}
-    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824]}]}
-    known |= {"fidelity": {"levels": [{"name": "own"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
+    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [0, 7]}]}
+    known |= {"fidelity": {"levels": [{"name": "both models"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
     known |= {"finalists": {"fitness": [0.732], "multipliers": None}, "diagnosis": {}, "start": 1.0, "ramp": 1.0}
     known |= {"distance": 1.75, "error_bar": 0.003, "duration": 8.0}
     rows = search_rows(known, None, jaxgrity.Distance())
@@ -235,8 +235,12 @@ def test_the_rows_say_how_sure_each_direction_is():
     assert rows["sensitivity at the end"] == "not known"
     assert rows["search"].startswith("64 rollouts of the evolution; ")
     assert rows["fitness"] == (
-        "0.824, best of the last generation, by the draws that chose it; 0.732, the chosen finalist, by fresh ones"
+        "0.824 m, best of the last generation, by the draws that chose it; 0.732 m, the chosen finalist, by fresh ones "
+        "(both models)"
     )
+    strained = {**known, "searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [7, 0]}]}
+    told = search_rows(strained, None, jaxgrity.Straightness())["fitness"]
+    assert told.startswith("0.824, best of the last generation, of gaits beyond their bounds, by the draws")
     assert "; 0.600 m on the other" in rows["objective"]
     assert "error of the time step 0.0025 m;" in rows["objective"]
     fallen = {**known, "robust": {**robots, "step_error": np.nan}}
