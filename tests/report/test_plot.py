@@ -59,7 +59,10 @@ def test_axes_say_what_they_show(figures):
         for axes in figures[name].axes:
             labels = [axes.get_xlabel(), axes.get_ylabel()]
             assert any(labels), name
-            assert all("(" in label or label in ("", "member", "share of the built length") for label in labels), name
+            # a cable's built length is longer than its full rest length: it is strained
+            assert all("(" in label or label in ("", "member", "share of the full rest length") for label in labels), (
+                name
+            )
 
 
 def test_the_style_is_the_functions_own(motion):
@@ -147,6 +150,15 @@ def test_titles_and_legends_cover_nothing():
         assert all(one.x1 < other.x0 for one, other in itertools.pairwise(titles))
         (legend,) = figure.legends
         assert not any(legend.get_window_extent().overlaps(axes.bbox) for axes in figure.axes)
+
+
+def test_what_has_no_unit_is_shown_without():
+    """As a cost of transport: no axis, and no legend, leaves a gap for it."""
+    known, costs = np.full((2, 2), np.nan), np.linspace(-3.0, -4.0, 8)
+    levels = plot.fidelity_figure(("screening", "own"), np.eye(2, 8), 3, (known, known), "")
+    robots = plot.robust_figure({"found": costs}, "")
+    assert (levels.axes[0].get_xlabel(), levels.axes[0].get_ylabel()) == ("own", "screening")
+    assert robots.legends[0].get_texts()[0].get_text() == "found: -3.500, standard deviation 0.33"
 
 
 def test_members_have_a_colour_each_or_all_the_same(figures):
