@@ -80,7 +80,7 @@ def _beyond(summary: dict[str, Any]) -> str:
 
 def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Objective) -> dict[str, str]:
     """How the gait was found, and how far to trust it, in words."""
-    robust, other, unit = summary["robust"], summary["other_contact_model"], objective.unit
+    unit = objective.unit
     ranks = summary["fidelity"]["rank_correlation"][0][-1]
     among = summary["fidelity"]["rank_correlation_of_the_evolved"][0][-1]
     last = summary["fidelity"]["levels"][-1]["name"]
@@ -91,9 +91,7 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Obje
         **verified,
         "motion": "no ground, or no motion" if motion is None else motion.sentence(),
         "directions": ", ".join(map(_direction, summary["directions"])),
-        "objective": f"{mean_of_robots(robust, unit)} over {counted_robots(robust['robots'])}, error of the time "
-        f"step {finite_or(robust['step_error'], unit, 'not known')}; {mean_of_robots(other, unit)} on the other "
-        "contact model" + (f"; it {late}" if objective.steady and late else ""),
+        "objective": objective_words(summary, unit) + (f"; it {late}" if objective.steady and late else ""),
         "search": f"{rollouts} rollouts of the evolution; rank correlation (Spearman) of screening with {last}: "
         f"{plot.ranked(ranks)}; among evolved gaits {plot.ranked(among)}",
         **_curse(summary, last, unit),
@@ -101,6 +99,19 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Obje
         "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],
         "sensitivity at the end": finite_or(summary["diagnosis"].get("sensitivity", np.nan), "m/rad", "not known"),
     }
+
+
+def objective_words(summary: dict[str, Any], unit: str) -> str:
+    """The objective's mean over perturbed robots on both contact models, and how it depends on the time step.
+
+    That of a step and its half differ by half of the first one's error, where errors are of first order.
+    """
+    robust, other = summary["robust"], summary["other_contact_model"]
+    return (
+        f"{mean_of_robots(robust, unit)} over {counted_robots(robust['robots'])}, differs by "
+        f"{finite_or(robust['step_error'], unit, 'an unknown amount')} between two time steps, one half of the other; "
+        f"{mean_of_robots(other, unit)} on the other contact model"
+    )
 
 
 def _curse(summary: dict[str, Any], level: str, unit: str) -> dict[str, str]:
@@ -111,7 +122,7 @@ def _curse(summary: dict[str, Any], level: str, unit: str) -> dict[str, str]:
     beyond = "" if evolved["within"][-1] else ", of gaits beyond their bounds"
     return {
         "fitness": f"{best}, best of the last generation{beyond}, by the draws that chose it; {chosen}, the chosen "
-        f"finalist, by fresh ones ({level})"
+        f"finalist, by fresh ones that compare finalists ({level})"
     }
 
 

@@ -236,15 +236,16 @@ def test_the_rows_say_how_sure_each_direction_is():
     assert rows["search"].startswith("64 rollouts of the evolution; ")
     assert rows["fitness"] == (
         "0.824 m, best of the last generation, by the draws that chose it; 0.732 m, the chosen finalist, by fresh ones "
-        "(both models)"
+        "that compare finalists (both models)"
     )
     strained = {**known, "searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [7, 0]}]}
     told = search_rows(strained, None, jaxgrity.Straightness())["fitness"]
     assert told.startswith("0.824, best of the last generation, of gaits beyond their bounds, by the draws")
     assert "; 0.600 m on the other" in rows["objective"]
-    assert "error of the time step 0.0025 m;" in rows["objective"]
+    assert "differs by 0.0025 m between two time steps, one half of the other;" in rows["objective"]
     fallen = {**known, "robust": {**robots, "step_error": np.nan}}
-    assert "error of the time step not known;" in search_rows(fallen, None, jaxgrity.Distance())["objective"]
+    told = search_rows(fallen, None, jaxgrity.Distance())["objective"]
+    assert "differs by an unknown amount between two time steps" in told
 
 
 def test_sentences_say_what_to_know_first():

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from types import SimpleNamespace
 
 import matplotlib
 import numpy as np
@@ -13,6 +14,7 @@ from PIL import Image
 
 import jaxgrity
 from jaxgrity.report import plot
+from jaxgrity.report.notebook import search_html
 
 SHOWN_WIDTH = 830 * 0.75
 """points: how wide a page shows a figure, of 96 pixels an inch"""
@@ -119,6 +121,20 @@ def test_objects_show_themselves_in_jupyter(motion):
         assert "data:image/png;base64," in page
         assert said in page
     assert isinstance(plot.still_figure(scene, trajectory), Figure)
+
+
+def test_a_search_shows_itself_in_the_words_of_its_report(motion):
+    """With units, and two standard errors after a mean over robots, as everywhere."""
+    robots = {"mean": 0.824, "standard_deviation": 0.14, "standard_error": 0.012, "step_error": 2.5e-3, "robots": 128}
+    facts = {"distance": 30.2, "error_bar": 0.04, "robust": robots, "other_contact_model": robots, "beyond_bounds": 0.2}
+    verdict, problem = (
+        SimpleNamespace(summary=lambda: facts),
+        SimpleNamespace(duration=40.0, fitness=jaxgrity.Fitness()),
+    )
+    page = search_html(SimpleNamespace(scene=motion[0], verdict=verdict, problem=problem))
+    assert "verified distance: 30.20 ± 0.04 m in 40 s" in page
+    assert "objective: 0.82 ± 0.02 m (standard deviation 0.14) over 128 perturbed robots" in page
+    assert "beyond a bound on actuators: 20 % of robots" in page
 
 
 @pytest.mark.parametrize("stretch", [(1, 1, 3), (4, 1, 1), (1, 1, 1)], ids=["tall", "long", "plain"])
