@@ -71,7 +71,7 @@ def _beyond(summary: dict[str, Any]) -> str:
     """By how much the gait, and which share of its perturbed robots, exceed the bounds on actuators, in words."""
     told, share = "", summary["beyond_bounds"]
     if not summary["within_bounds"]:
-        told = f"; this exceeds its bounds by {100 * summary['actuators']['excess']:.2g} %"
+        told = f"; this exceeds its bounds by {100 * summary['actuators']['excess']:.2g} %, added up over them"
     if not share or summary["robust"]["robots"] == 1:
         return told
     some = "under 1" if share < 0.005 else f"{100 * share:.0f}"

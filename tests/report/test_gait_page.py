@@ -180,9 +180,11 @@ def test_the_rows_say_who_is_beyond_a_bound():
     known |= {"robust": {"robots": 128}}
     lost = {**known, "within_bounds": False, "beyond_bounds": 1.0, "actuators": {**ACTUATORS, "excess": 0.1234}}
     told = outcome_rows(lost)["actuators need"]
-    assert told.endswith("; this exceeds its bounds by 12 %; 100 % of perturbed robots exceed a bound on actuators")
+    assert told.endswith(
+        "; this exceeds its bounds by 12 %, added up over them; 100 % of perturbed robots exceed a bound on actuators"
+    )
     alone = outcome_rows({**lost, "robust": {"robots": 1}})["actuators need"]
-    assert alone.endswith("; this exceeds its bounds by 12 %")
+    assert alone.endswith("; this exceeds its bounds by 12 %, added up over them")
     assert compare.COLUMNS["beyond a bound"](lost) == "itself, and 100 % of robots"
     assert compare.COLUMNS["beyond a bound"](known) == "0 % of robots"
 
