@@ -129,7 +129,7 @@ def _curse(summary: dict[str, Any], level: str, unit: str) -> dict[str, str]:
 def _direction(verified: dict[str, float]) -> str:
     """A distance with its error bar, and the heading where the bar leaves one, in words."""
     distance, bar = verified["distance"], verified["error_bar"]
-    way = f"towards {np.degrees(verified['heading']):.0f}°" if bar < distance else "in no known direction"
+    way = f"towards {round(np.degrees(verified['heading']))}°" if bar < distance else "in no known direction"
     return f"{with_error(distance, bar, ' m')} {way}"
 
 

@@ -227,13 +227,16 @@ def test_the_rows_say_how_sure_each_direction_is():
     way = {"distance": 1.7512, "error_bar": 0.003, "heading": 2.0944}
     lost = {"distance": 1.5, "error_bar": 11.0, "heading": 0.0}
     robots = {"mean": 0.6, "standard_deviation": 0.0, "standard_error": None, "robots": 1, "step_error": 2.5e-3}
-    known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": [way, lost]}
+    known = {"steady": None, "robust": robots, "other_contact_model": robots}
+    known |= {"directions": [way, {**way, "heading": -1e-3}, lost]}
     known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [0, 7]}]}
     known |= {"fidelity": {"levels": [{"name": "both models"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
     known |= {"finalists": {"fitness": [0.732], "multipliers": None}, "diagnosis": {}, "start": 1.0, "ramp": 1.0}
     known |= {"distance": 1.75, "error_bar": 0.003, "duration": 8.0}
     rows = search_rows(known, None, jaxgrity.Distance())
-    assert rows["directions"] == "1.751 ± 0.003 m towards 120°, 2 ± 10 m in no known direction"
+    assert (
+        rows["directions"] == "1.751 ± 0.003 m towards 120°, 1.751 ± 0.003 m towards 0°, 2 ± 10 m in no known direction"
+    )
     assert rows["sensitivity at the end"] == "not known"
     assert rows["search"].startswith("64 rollouts of the evolution; ")
     assert rows["fitness"] == (
