@@ -14,6 +14,7 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -398,6 +399,17 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     judged = {row["name"]: row for row in facts["judged"]}
     for name in ("found by this run", "plain feedback"):
         assert judged[name]["numbers"][4:] == [0.0] * 4 + [1.0] * 2
+
+
+def test_all_elites_that_attract_are_counted(exact, monkeypatch):
+    """Also those that another row of the table tells of, whose gaits are not told again."""
+    module, gait = import_module("measurements.repertoire"), jaxgrity.load_gait("straight")
+    about = [(gait, {"cell": [0, k], "mirrored": False}) for k in range(3)]
+    orbit = {"settled": True, "multiplier": 0.5, "returned": 1.0, "speed": 0.5, "bend": 0.1}
+    monkeypatch.setattr(module, "candidates", lambda *_: about)
+    monkeypatch.setattr(module, "watched", lambda scene: orbit)
+    _, row = module.verified(SimpleNamespace(scene=exact), None, (0.5, 0.1), 3, [about[0][1]])
+    assert (row["watched"], row["attracting"], row["cell"]) == (3, 3, [0, 1])
 
 
 @pytest.mark.campaign
