@@ -222,6 +222,18 @@ def test_searches_by_objectives_of_ones_own_are_compared():
     assert compare.COLUMNS["robust"]({**robots, "objective": "distance"}) == "0.500 m"
 
 
+def test_gaits_beyond_bounds_are_not_compared_as_if_they_were_within():
+    """Where no gait of a generation keeps the bounds, the comparison of searches has a gap."""
+    robots = {"mean": 0.5, "standard_deviation": 0.1}
+    searches = [{"best": [5.0, 0.3], "within": [0, 2]}, {"best": [0.4, None], "within": [8, 0]}]
+    run = {"searches": searches, "robust": robots, "other_contact_model": robots}
+    (line,) = compare.figure({"a": run}).axes[0].lines
+    np.testing.assert_array_equal(line.get_ydata(), [np.nan, 0.3, 0.4, np.nan])
+    earlier = {**run, "searches": [{"best": [0.0, 0.3]}]}
+    (line,) = compare.figure({"a": earlier}).axes[0].lines
+    np.testing.assert_array_equal(line.get_ydata(), [0.0, 0.3])
+
+
 def test_the_rows_say_how_sure_each_direction_is():
     """A heading where the error bar is shorter than the way; what was not measured is not known."""
     way = {"distance": 1.7512, "error_bar": 0.003, "heading": 2.0944}
