@@ -230,7 +230,7 @@ def energy_figure(audit: EnergyAudit) -> Figure:
 @styled
 @typed
 def gait_figure(gait: Gait, duration: float | None = None, motion: Rolling | None = None, begin: float = 0.0) -> Figure:
-    """Rest lengths of the actuated members over time, as shares of the built ones; below, the support faces.
+    """Rest lengths of the actuated members over time, as shares of the full ones; below, the support faces.
 
     Two periods from the gait's full amplitude on, or all from `begin` to `duration`, s, where given; `motion`, with the
     names of the faces, belongs to that.
@@ -250,7 +250,7 @@ def gait_figure(gait: Gait, duration: float | None = None, motion: Rolling | Non
         ylabel="member", yticks=range(0, rows, every), yticklabels=gait.members[::every], title="rest lengths"
     )
     panels[0].grid(False)
-    figure.colorbar(picture, ax=list(panels), label="share of the built length")
+    figure.colorbar(picture, ax=list(panels), label="share of the full rest length")
     if motion is not None:
         _draw_supports(panels[1], motion, begin, end)
     panels[-1].set(xlabel="time (s)", xlim=(begin, end))

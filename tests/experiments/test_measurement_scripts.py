@@ -4,6 +4,7 @@ All scripts run alike, so the cheapest shows how, and the others are campaigns.
 """
 
 import ast
+import dataclasses
 import importlib
 import importlib.util
 import itertools
@@ -14,6 +15,7 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -398,6 +400,37 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     judged = {row["name"]: row for row in facts["judged"]}
     for name in ("found by this run", "plain feedback"):
         assert judged[name]["numbers"][4:] == [0.0] * 4 + [1.0] * 2
+
+
+def test_gaits_of_a_damaged_robot_are_measured_with_their_own_ramps(exact, monkeypatch):
+    """The library's have another one than those of searches; equal draws judge them all."""
+    module, ramps = import_module("measurements.damage_recovery"), []
+    gait, turned = jaxgrity.load_gait("straight"), jaxgrity.model.symmetries(exact.structure)[:1]
+    searched = module.together([module.of_every_member(exact, dataclasses.replace(gait, ramp=0.75))])
+
+    def measured(level, problem, gaits, seed):
+        ramps.extend([float(gaits.ramp)] * len(gaits.phase))
+        return [{"seed": seed}] * len(gaits.phase)
+
+    monkeypatch.setattr(module, "measure", measured)
+    monkeypatch.setattr(module, "best", lambda *_: 0)
+    monkeypatch.setattr(module, "evolved", lambda *_: searched)
+    known = module.known_gaits(exact, turned)
+    configs = {way: jaxgrity.SearchConfig(**module.SEARCHES[way]) for way in module.SEARCHES}
+    found = module.recover(exact, exact, (known, "straight"), configs, (3, 4))
+    assert ramps == [float(gait.ramp)] * 2 + [0.75] * 3
+    assert [row["seed"] for row in found.values()] == [3] * 5
+
+
+def test_all_elites_that_attract_are_counted(exact, monkeypatch):
+    """Also those that another row of the table tells of, whose gaits are not told again."""
+    module, gait = import_module("measurements.repertoire"), jaxgrity.load_gait("straight")
+    about = [(gait, {"cell": [0, k], "mirrored": False}) for k in range(3)]
+    orbit = {"settled": True, "multiplier": 0.5, "returned": 1.0, "speed": 0.5, "bend": 0.1}
+    monkeypatch.setattr(module, "candidates", lambda *_: about)
+    monkeypatch.setattr(module, "watched", lambda scene: orbit)
+    _, row = module.verified(SimpleNamespace(scene=exact), None, (0.5, 0.1), 3, [about[0][1]])
+    assert (row["watched"], row["attracting"], row["cell"]) == (3, 3, [0, 1])
 
 
 @pytest.mark.campaign
