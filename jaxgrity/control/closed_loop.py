@@ -119,8 +119,9 @@ def failures(plant: Plant, loop: Loop) -> AnyArray:
 def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
     """The robots' state as the start of some robots of a model for each of them, side by side.
 
-    The model takes over motion, motors, time and memory; its sensors begin anew. Where both methods are complementarity
-    stepping, the model's continues from the robots'; else it begins anew. For one robot `loop` has no axis of robots.
+    The model takes over motion, motors with their lengths and forces, time and memory; its sensors begin anew. Where
+    both methods are complementarity stepping, the model's continues from the robots'; else it begins anew. For one
+    robot `loop` has no axis of robots.
     """
     robots = loop.plant.motion[0].shape[2:]
 
@@ -129,13 +130,14 @@ def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
         return jnp.repeat(x if robots else x[..., None], each, axis=-1)
 
     motion = jax.tree.map(spread, loop.plant.motion)
-    state = begun(model, loop.plant.key, motion)
+    state = begun(model, loop.plant.key, motion, loop.plant.tick, spread(loop.plant.contraction))
     last, own = loop.plant.solver, state.solver
     if isinstance(last, ImpulseState) and isinstance(own, ImpulseState):
         # velocities that lie half of the robots' last step before, and not at the time of the start
         taken = spread(jnp.broadcast_to(last.step_size, robots))
         state = state._replace(motion=motion, solver=own._replace(step_size=taken))
-    state = state._replace(tick=loop.plant.tick, contraction=spread(loop.plant.contraction))
+    if state.tension is not None and loop.plant.tension is not None:
+        state = state._replace(tension=spread(loop.plant.tension))
     return Loop(state, jax.tree.map(spread, loop.memory))
 
 

@@ -10,9 +10,19 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxgrity
-from jaxgrity import Gait, InputError, SolverOptions, control
+from jaxgrity import (
+    ExactGround,
+    Gait,
+    InputError,
+    Members,
+    PenaltyGround,
+    Push,
+    SolverOptions,
+    Structure,
+    control,
+)
 from jaxgrity.control import Errors, MotorLimits, Observation, OpenLoop, PhaseLocked, Sensors, Steered, centre_offsets
-from jaxgrity.control.closed_loop import taken_over
+from jaxgrity.control.closed_loop import Loop, taken_over
 from jaxgrity.structures import quadruped, superball
 
 TEN_MS = SolverOptions(dt=0.01)
@@ -105,6 +115,36 @@ def test_a_model_takes_over_a_robot_in_motion(scene):
     for k in range(2):
         np.testing.assert_allclose(copies[..., k], on, atol=1e-10)
     assert np.abs(on - loop.plant.motion[0]).max() > 0.01
+
+
+def pulled(contact):
+    """Two masses in the air with a cable between them, and a push on the first one after half a second."""
+    push = Push((0,), [[0.0, 0.0, 3.0]], 0.5, 10.0)
+    pair = Structure([[0.0, 0, 5], [1, 0, 5]], [1.0, 2.0], None, Members(((0, 1),), [200.0], [0.9]))
+    return jaxgrity.with_terms(jaxgrity.Scene(pair, ground=contact), push)
+
+
+def test_a_model_of_another_method_takes_over_lengths_and_time():
+    """Its first half step back is by the force of the shortened cable, and of the push; its sensors know of both."""
+    limits = MotorLimits(force=1e3)
+    robot = control.plant_of(pulled(PenaltyGround(1e4)), (0,), motors=limits)
+    model = control.plant_of(pulled(ExactGround()), (0,), motors=limits, sensors=Sensors(delay=2), options=TEN_MS)
+    many = control.side_by_side(model, 1)
+    v = np.array([[0.0, 1, 0], [0, -1, 0]])
+
+    @jax.jit
+    def taken(q, v):
+        state = control.plant_start(robot, jax.random.key(0), (q, v))
+        state = state._replace(tick=jnp.asarray(100), contraction=jnp.array([0.5]), tension=jnp.array([70.0]))
+        began = taken_over(many, Loop(state, ()), 1).plant
+        return began, control.observe(many, began)[0]
+
+    began, seen = taken(np.asarray(robot.scene.structure.nodes), v)
+    force = np.array([[200 * (1 - 0.45), 0, 3.0], [-200 * (1 - 0.45), 0, 0]])
+    np.testing.assert_allclose(began.motion[1][..., 0], v - 0.005 * force / [[1.0], [2.0]], atol=1e-12)
+    np.testing.assert_allclose(seen.contraction, [[0.5]])
+    np.testing.assert_allclose(seen.tensions, [[110.0]])
+    assert began.tension == 70.0
 
 
 def test_a_blend_is_a_mean_of_both(scene, moment):
