@@ -1,6 +1,7 @@
 """Tasks: reward, ground and starts."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -97,7 +98,7 @@ def find_task(task: str | Task, scene: Scene) -> Task:
     """The task of that name, scaled to the scene's robot; a task of your own as it is.
 
     Raises `InputError` for an unknown name, and for a task of your own whose direction is none, or whose numbers are
-    negative, or with nothing `averaged` or `reached`.
+    negative, or with nothing `averaged` or `reached`. Its functions are tried on shapes alone.
     """
     if isinstance(task, Task):
         if task.towards not in TOWARDS:
@@ -106,9 +107,15 @@ def find_task(task: str | Task, scene: Scene) -> Task:
         for name in ("bumps", "distance"):
             check_number(f"task.{name}", getattr(task, name), least=0.0, unit="m")
         check_number("task.reached", task.reached, above=0.0, unit="m")
-        found = jax.eval_shape(task.wanted_direction, jnp.zeros(2), jnp.zeros(3))
+        aim, place = jnp.zeros(2), jnp.zeros(3)
+        found = _tried(task, "wanted_direction", task.wanted_direction, aim, place)
         if getattr(found, "shape", None) != (2,):
             raise InputError(f"{type(task).__name__}.wanted_direction: returns {found}; expected shape (2,), x and y")
+        progressed = lambda *given: task.progressed(*given[:3], 0.01, given[3])  # noqa: E731
+        found = _tried(task, "progressed", progressed, aim, place, place, aim)
+        if not isinstance(found, tuple) or [getattr(x, "shape", None) for x in found] != [(), (2,)]:
+            expected = "a number, and two to remember, of shape (2,)"
+            raise InputError(f"{type(task).__name__}.progressed: returns {found}; expected {expected}")
         return task
     if task not in TASKS:
         raise InputError(f"task = {task!r}: {unknown(task, TASKS)}; expected one of {', '.join(TASKS)}")
@@ -119,6 +126,15 @@ def find_task(task: str | Task, scene: Scene) -> Task:
         reached=size * named.reached,
         averaged=float(time_scale(scene)) * named.averaged,
     )
+
+
+def _tried(task: Task, name: str, function: Callable, *given: AnyArray) -> Any:
+    """The shapes of what a task's function returns. Raises `InputError` with what went wrong in it."""
+    try:
+        return jax.eval_shape(function, *given)
+    except Exception as error:
+        what = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
+        raise InputError(f"{type(task).__name__}.{name}: {what}; expected a function as `Task.{name}`") from error
 
 
 @typed
