@@ -172,23 +172,25 @@ def task_start(task: Task, scene: Scene, key: Any) -> State:
     """A start, q and v, drawn by `key`, in a random orientation: at rest just above the ground, or falling from the
     air.
 
-    A robot with supports starts as it is posed. The same key draws the same start in every precision. Raises
-    `InputError` if `key` is no random key.
+    Its centre of mass starts above the same place as in the scene. A robot with supports starts as it is posed. The
+    same key draws the same start in every precision. Raises `InputError` if `key` is no random key.
     """
     check_key(key)
     turns, heights, speeds, spins = jax.random.split(key, 4)
     q = jnp.asarray(scene.structure.nodes)
     if scene.structure.fixed:
         return q, jnp.zeros_like(q)
-    body = (q - centre_of_mass(scene, q)) @ _any_turn(_normal(turns, 4).astype(q.dtype)).T
+    centre = centre_of_mass(scene, q)
+    body = (q - centre) @ _any_turn(_normal(turns, 4).astype(q.dtype)).T
+    there = body + centre * jnp.array([1.0, 1.0, 0.0], q.dtype)
     size = length_scale(scene)
     assert scene.ground is not None, "`ground_of` refuses a scene without a ground"
     if not task.fallen:
-        return set_above(scene, body, CLEAR * size), jnp.zeros_like(q)
+        return set_above(scene, there, CLEAR * size), jnp.zeros_like(q)
     falls = DROP[0] * speed_scale(scene), DROP[1] / time_scale(scene)
     speed, spin = (each * _normal(k, 3).astype(q.dtype) for each, k in zip(falls, (speeds, spins)))
     height = size * (CLEAR + jax.random.uniform(heights, (), jnp.float32).astype(q.dtype))
-    return set_above(scene, body, height), speed + jnp.cross(spin, body)
+    return set_above(scene, there, height), speed + jnp.cross(spin, body)
 
 
 def _normal(key: Any, count: int) -> AnyArray:
