@@ -79,6 +79,15 @@ class Plant(eqx.Module):
         return max(1, int(np.ceil(self.period / self.options.dt - 1e-6)))
 
 
+def scenes_of(plant: Plant) -> list[Scene]:
+    """The scene of each robot."""
+    if plant.robots is None:
+        return [plant.scene]
+    axes = lane_axes(plant.scene)
+    alone = lambda k: jax.tree.map(lambda x, axis: x if axis is None else x[..., k], plant.scene, axes)  # noqa: E731
+    return [alone(k) for k in range(plant.robots)]
+
+
 def check_one(plant: Plant, where: str) -> None:
     """Raise `InputError` for a plant of many robots."""
     if plant.robots is not None:
