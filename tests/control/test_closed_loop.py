@@ -458,6 +458,20 @@ def test_the_clock_of_feedback_needs_struts(scene):
     control.Blend(PhaseLocked(scene.gait), OpenLoop(scene.gait), 0.5).check(scene)
 
 
+def test_gaits_of_other_robots_are_refused(scene):
+    """As `with_gait` refuses them; also within another policy, and among gaits to choose from."""
+    gait = jaxgrity.load_gait("lasting")
+    struts = replace(scene.structure.struts, edges=tuple((j, i) for i, j in scene.structure.struts.edges))
+    other = replace(scene, gait=None, structure=replace(scene.structure, struts=struts))
+    plant = control.plant_of(other, gait.members)
+    locked = PhaseLocked(gait)
+    for policy in (OpenLoop(gait), locked, Steered(locked, 0.1, np.zeros((6, 6)))):
+        with pytest.raises(InputError, match=r"gait: made for a robot of 12 nodes, .*; this one has 12 nodes"):
+            control.loop_start(plant, policy, jax.random.key(0))
+    with pytest.raises(InputError, match="expected a gait for this robot"):
+        control.gait_choices(other.structure, {"lasting": locked})
+
+
 @pytest.mark.parametrize("make", [quadruped, superball])
 def test_sensors_tell_how_bodies_are_turned_and_turn(make):
     """Two directions of each: what they say of a turned robot gives the turn, and their spins its angular velocity."""
