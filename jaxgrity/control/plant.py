@@ -83,8 +83,8 @@ def scenes_of(plant: Plant) -> list[Scene]:
     """The scene of each robot."""
     if plant.robots is None:
         return [plant.scene]
-    axes = lane_axes(plant.scene)
-    alone = lambda k: jax.tree.map(lambda x, axis: x if axis is None else x[..., k], plant.scene, axes)  # noqa: E731
+    axes, known = lane_axes(plant.scene), jax.tree.map(np.asarray, plant.scene)
+    alone = lambda k: jax.tree.map(lambda x, axis: x if axis is None else x[..., k], known, axes)  # noqa: E731
     return [alone(k) for k in range(plant.robots)]
 
 
