@@ -188,8 +188,8 @@ def _trying(model: Plant, robots: int, sampling: Sampling) -> Plant:
 
 
 def _moved(robot: Plant, choices: Choices, loop: Loop, before: np.ndarray, chosen: Sampled, sampling: Sampling):
-    """The loop at the next choice; nodes and centres of mass from this one on, (frames, ..., robots), NaN for robots
-    that fail."""
+    """The loop at the next choice; nodes and centres of mass from this one on, (frames, ..., robots), NaN after it for
+    robots that fail."""
     clocks = (_own(robot, x) for x in choices.clocks(before, chosen.gaits, chosen.turns))
     loop = loop._replace(memory=choices.moved(loop.memory, *clocks))
     ticks, look = (round(seconds / robot.period) for seconds in (sampling.interval, 1 / sampling.per_second))
@@ -197,7 +197,7 @@ def _moved(robot: Plant, choices: Choices, loop: Loop, before: np.ndarray, chose
     bends = (between(sampling) @ chosen.knots)[np.arange(0, ticks, held) // look]
     loop, *seen, failed = followed(robot, choices, _own(robot, chosen.gaits), loop, _own(robot, bends), held)
     lanes = [np.asarray(x) if robot.robots is not None else np.asarray(x)[..., None] for x in seen]
-    return loop, [np.where(failed, np.nan, x) for x in lanes]
+    return loop, [np.concatenate([x[:1], np.where(failed, np.nan, x[1:])]) for x in lanes]
 
 
 def _told(path: np.ndarray, place: np.ndarray, sampling: Sampling) -> tuple[np.ndarray, np.ndarray]:
