@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxgrity.control.plant import Plant, PlantState, actuate, begun, check_one, observe, plant_start, whole_state
 from jaxgrity.control.policies import Memory, Policy
-from jaxgrity.core.arguments import check_number
+from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
@@ -93,10 +93,19 @@ def roll_on(
     return jax.lax.scan(jax.checkpoint(tick), loop, length=ticks)
 
 
-@eqx.filter_jit
 @typed
 def drive(plant: Plant, policy: Policy, loop: Loop, ticks: int, samples: int = 1, *, each: bool = False) -> Drive:
-    """Roll on for `samples` times some control periods; the centre of mass is recorded after each."""
+    """Roll on for `samples` times some control periods; the centre of mass is recorded after each.
+
+    Raises `InputError` for numbers that are negative or not whole.
+    """
+    ticks, samples = check_count("ticks", ticks, 0), check_count("samples", samples, 0)
+    return _driven(plant, policy, loop, ticks, samples, each)
+
+
+@eqx.filter_jit
+def _driven(plant: Plant, policy: Policy, loop: Loop, ticks: int, samples: int, each: bool) -> Drive:
+    """`drive`, with numbers that are no arrays: those would be traced."""
 
     def sample(loop: Loop, _):
         loop, _ = roll_on(plant, policy, loop, ticks, lambda state: None, each=each)

@@ -458,6 +458,15 @@ def test_the_clock_of_feedback_needs_struts(scene):
     control.Blend(PhaseLocked(scene.gait), OpenLoop(scene.gait), 0.5).check(scene)
 
 
+def test_a_drive_takes_whole_numbers_of_any_kind(plant, scene):
+    """NumPy's too, which are no inputs of the program; no negative ones."""
+    policy = OpenLoop(scene.gait)
+    driven = lambda ticks: lambda key: control.drive(plant, policy, control.loop_start(plant, policy, key), ticks).path  # noqa: E731
+    assert jax.eval_shape(driven(np.int64(2)), jax.random.key(0)).shape == (2, 3)
+    with pytest.raises(InputError, match="ticks = -1: expected a whole number, at least 0"):
+        jax.eval_shape(driven(-1), jax.random.key(0))
+
+
 def test_gaits_of_other_robots_are_refused(scene):
     """As `with_gait` refuses them; also within another policy, and among gaits to choose from."""
     gait = jaxgrity.load_gait("lasting")
