@@ -458,11 +458,11 @@ def test_the_clock_of_feedback_needs_struts(scene):
     control.Blend(PhaseLocked(scene.gait), OpenLoop(scene.gait), 0.5).check(scene)
 
 
-def test_a_drive_takes_whole_numbers_of_any_kind(plant, scene):
-    """NumPy's too, which are no inputs of the program; no negative ones."""
+def test_a_drive_takes_whole_numbers(plant, scene):
+    """None that are negative, in one line."""
     policy = OpenLoop(scene.gait)
     driven = lambda ticks: lambda key: control.drive(plant, policy, control.loop_start(plant, policy, key), ticks).path  # noqa: E731
-    assert jax.eval_shape(driven(np.int64(2)), jax.random.key(0)).shape == (2, 3)
+    assert jax.eval_shape(driven(2), jax.random.key(0)).shape == (2, 3)
     with pytest.raises(InputError, match="ticks = -1: expected a whole number, at least 0"):
         jax.eval_shape(driven(-1), jax.random.key(0))
 
@@ -529,6 +529,16 @@ def test_tensions_are_those_of_cables_that_are_wound_up(scene):
     assert read.tensions[0] == pytest.approx(cables.stiffness[0] * (length - wound), rel=1e-9)
     assert read.tensions[0] > 1.5 * read.tensions[1]
     np.testing.assert_allclose(read.contraction, [0.4], rtol=1e-9)
+
+
+def test_a_stuck_member_is_not_told_as_shortened(scene):
+    """Its motor does not turn, whatever it is asked."""
+    cables = replace(scene.structure.cables, stuck=(1,))
+    gait = Gait((0, 6, 7), np.zeros(3), np.full(3, 0.4), np.full(3, 0.5), np.array(0.0), np.array(0.01))
+    robot = replace(scene, gait=gait, structure=replace(scene.structure, cables=cables))
+    read = measure(robot, 0.5, robot.structure.nodes, np.zeros_like(robot.structure.nodes))
+    np.testing.assert_allclose(read.contraction, [0.4, 0.4, 0.0], rtol=1e-9)
+    assert read.tensions[0] > 1.5 * read.tensions[1]
 
 
 def test_tensions_are_those_of_the_law_of_a_cable(scene):

@@ -90,6 +90,8 @@ def test_the_gap_is_that_of_bodies_and_balls_too():
     assert control.gap(post, rolling, nodes) == pytest.approx(np.hypot(0.5, 0.3) - 0.55 - 0.1)
     centre = nodes.mean(0)
     assert control.reach_of(rolling) == pytest.approx(np.linalg.norm(nodes[1] - centre) + 0.55)
+    with pytest.raises(InputError, match=r"q has shape \(3, 3\); expected \(..., 4, 3\)"):
+        control.gap(post, scene, nodes[:3])
     with pytest.raises(InputError, match="neither members nor bodies"):
         control.gap(post, jaxgrity.Scene(jaxgrity.Structure(nodes, np.ones(4))), nodes)
 
