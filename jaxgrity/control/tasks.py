@@ -65,7 +65,9 @@ class Task(NamedTuple):
         if self.towards == "goal":
             way = aim - place[:2]
             return way / jnp.sqrt(jnp.sum(way * way) + (NEARBY * self.reached) ** 2)
-        return jnp.array([-1.0 if self.towards == "uphill" else 0.0, 0.0], place.dtype)
+        # a ground with a negative incline falls towards -x
+        up = -np.copysign(1.0, self.incline) if self.towards == "uphill" else 0.0
+        return jnp.array([up, 0.0], place.dtype)
 
     @typed
     def progressed(
@@ -153,6 +155,9 @@ def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
     ground, size = scene.ground, float(length_scale(scene))
     if ground is None:
         raise InputError("this scene has no ground to roll on; expected [ground]")
+    if task.towards == "uphill" and not task.incline and ground.incline < 0:
+        found = f"ground.incline = {ground.incline:g}: it rises towards +x"
+        raise InputError(f"{found}; expected a level plane, and this incline as that of the task that leads uphill")
     if task.incline or task.bumps:
         if ground.surface is not None or float(ground.incline) != 0 or scene.up is not None:
             raise InputError("ground: this task brings its own; expected a scene on a level plane")

@@ -263,6 +263,18 @@ def test_actions_shorten_members_up_to_the_stroke(jitted):
     np.testing.assert_allclose(state.pipeline_state.plant.contraction, expected, atol=1e-6)
 
 
+def test_uphill_is_where_the_ground_rises(scene):
+    """Towards +x on a negative incline. That of a scene is refused: the task does not know of it."""
+    for incline in (0.1, -0.1):
+        task = control.Task("uphill", incline=incline)
+        up = task.wanted_direction(np.zeros(2), np.zeros(3))
+        height = control.ground_of(task, scene, seed=0).ground.height
+        assert height(*up) > height(0.0, 0.0)
+    leaning = replace(scene, ground=replace(scene.ground, incline=-0.1))
+    with pytest.raises(InputError, match=r"ground.incline = -0.1: it rises towards \+x; expected a level plane"):
+        control.environment(control.Task("uphill"), leaning)
+
+
 def test_tasks_keep_the_ground_that_they_do_not_bring(scene):
     """A heading may be asked for on a scene's own slope; a slope of the task's own may not, and is not dropped."""
     steep = replace(scene, ground=replace(scene.ground, incline=0.1))
