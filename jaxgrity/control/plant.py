@@ -79,6 +79,15 @@ class Plant(eqx.Module):
         return max(1, int(np.ceil(self.period / self.options.dt - 1e-6)))
 
 
+def scenes_of(plant: Plant) -> list[Scene]:
+    """The scene of each robot."""
+    if plant.robots is None:
+        return [plant.scene]
+    axes, known = lane_axes(plant.scene), jax.tree.map(np.asarray, plant.scene)
+    alone = lambda k: jax.tree.map(lambda x, axis: x if axis is None else x[..., k], known, axes)  # noqa: E731
+    return [alone(k) for k in range(plant.robots)]
+
+
 def check_one(plant: Plant, where: str) -> None:
     """Raise `InputError` for a plant of many robots."""
     if plant.robots is not None:
@@ -188,16 +197,22 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
     return begun(plant, key, possible(plant.scene, plant.lift, motion, one=plant.robots is None))
 
 
-def begun(plant: Plant, key: Any, motion: State) -> PlantState:
-    """The state at t = 0, from q and v in the midst of a motion."""
+def begun(plant: Plant, key: Any, motion: State, tick: Any = 0, contraction: AnyArray | None = None) -> PlantState:
+    """The state at the start of control period number `tick`, from q and v in the midst of a motion.
+
+    `contraction` is that of the motors, (actuators,); by default none.
+    """
     dtype = plant.options.dtype
     nothing = jnp.zeros((len(plant.members), *motion[0].shape[2:]), dtype)
     key, of_bias = jax.random.split(key)
-    scheme, step = discretise(plant.options, plant.lift), jnp.asarray(plant.period / plant.steps, dtype)
-    motion, first = carried_at(scheme, plant.scene, jnp.zeros((), dtype), step, motion)
-    motion = jnp.asarray(motion[0]), jnp.asarray(motion[1])
     tension = nothing if plant.motors.force is not None else None
-    state = PlantState(jnp.asarray(0), motion, first, nothing, tension, Readings(None, None), key)
+    reached = nothing if contraction is None else contraction
+    state = PlantState(jnp.asarray(tick), motion, None, reached, tension, Readings(None, None), key)
+    # forces in the midst of a motion are those of the lengths that were commanded, and of this time
+    scene = _commanded(plant, state, reached)
+    scheme, step = discretise(plant.options, _lift_of(plant, scene)), jnp.asarray(plant.period / plant.steps, dtype)
+    motion, first = carried_at(scheme, scene, jnp.asarray(state.tick * plant.period, dtype), step, motion)
+    state = state._replace(motion=(jnp.asarray(motion[0]), jnp.asarray(motion[1])), solver=first)
     if not plant.sensors.remember:
         return state
     return state._replace(readings=first_readings(plant.sensors, sense_now(plant, state), of_bias))

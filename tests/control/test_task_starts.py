@@ -131,6 +131,16 @@ def test_a_key_is_the_same_start_in_both_precisions(task, scene):
     np.testing.assert_allclose(single.pipeline_state.aim, double.pipeline_state.aim, atol=5e-6)
 
 
+@pytest.mark.parametrize("task", ["heading", "recover"])
+def test_robots_start_where_the_scene_has_them(task, scene):
+    """Above the same place, such as the middle of a height map, not the origin; their goals are about it, too."""
+    there = replace(scene, structure=replace(scene.structure, nodes=np.add(scene.structure.nodes, [3.0, -4.0, 0.0])))
+    q, v = jax.jit(lambda key: control.task_start(control.TASKS[task], there, key))(jax.random.key(0))
+    np.testing.assert_allclose(jaxgrity.stepping.centre_of_mass(scene, q)[:2], [3.0, -4.0], atol=1e-12)
+    spun = np.cross(q - np.mean(q, axis=0), v - np.mean(v, axis=0)).sum(0)
+    assert np.any(np.abs(spun) > 0.1) == (task == "recover")
+
+
 def test_supports_stay_where_they_are(scene):
     """A robot with a support starts as it is posed, and cannot be asked to fall."""
     held = replace(scene, structure=replace(scene.structure, fixed=((3, "xyz"),)))
