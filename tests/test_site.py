@@ -109,10 +109,10 @@ def test_site_is_built_without_a_warning(tmp_path):
 @pytest.mark.parametrize(
     "page",
     [
-        *(pytest.param(page, marks=pytest.mark.slow) for page in ("getting_started", "howto", "cables")),
+        *(pytest.param(page, marks=pytest.mark.slow) for page in ("getting_started", "howto")),
         *(
             pytest.param(page, marks=pytest.mark.campaign)
-            for page in ("control", "environments", "gaits", "identification")
+            for page in ("cables", "control", "environments", "gaits", "identification")
         ),
     ],
 )
