@@ -35,8 +35,8 @@ COMPILED = Path(__file__).parents[1] / ".cache" / "jax-tests"
 SIZES = "slow", "campaign"
 """marks of all tests but the fast ones"""
 LONG = {
-    *("experiments", "explorer", "orbits", "search", "trust"),
-    *("test_bounces", "test_commands", "test_complementarity", "test_methods"),
+    *("experiments", "explorer", "trust"),
+    *("test_bounces", "test_commands", "test_complementarity", "test_finding", "test_methods", "test_pipeline"),
     *("test_population", "test_rolling", "test_scales", "test_speed_forecast"),
 }
 """Folders and files of tests with long simulations, or many robots: their programs are optimised. So are campaigns'."""
