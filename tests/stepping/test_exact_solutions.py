@@ -64,7 +64,7 @@ SLOW = [
     ("block sliding, switch", "rk4"),
     ("block sticking, switch", "rk4"),
 ]
-BY_COMPLEMENTARITY = ["damped oscillator", "driven strut"]
+BY_COMPLEMENTARITY = ["driven strut"]
 
 
 def size_of(title: str, name: str) -> tuple:
