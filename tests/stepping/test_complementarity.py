@@ -346,7 +346,7 @@ def test_the_robot_rolls_as_far_in_a_population(exact, rolling):
 
 @pytest.mark.slow
 def test_first_order_in_the_step(exact):
-    """Eight random gaits at 4 s: 5 ms is within 2 mm (median) of 0.25 ms, 1 ms within 0.4 mm, and so on in proportion."""
+    """8 random gaits at 4 s: 5 ms is within 2 mm (median) of 0.25 ms, 1 ms within 0.4 mm, and so on in proportion."""
     gaits = gaits_of(exact.gait, random_phases(8, 6, seed=0))
     steps = (5e-3, 2.5e-3, 1e-3, 2.5e-4)
     ends = [np.asarray(simulate_population(exact, gaits, 4.0, options=SolverOptions(dt=dt)).com_end) for dt in steps]
