@@ -36,8 +36,8 @@ SIZES = "slow", "campaign"
 """marks of all tests but the fast ones"""
 LONG = {
     *("experiments", "explorer", "trust"),
-    *("test_bounces", "test_commands", "test_complementarity", "test_finding", "test_methods", "test_pipeline"),
-    *("test_population", "test_rolling", "test_scales", "test_speed_forecast"),
+    *("test_bounces", "test_commands", "test_complementarity", "test_finding", "test_learning", "test_methods"),
+    *("test_pipeline", "test_population", "test_rolling", "test_scales", "test_speed_forecast"),
 }
 """Folders and files of tests with long simulations, or many robots: their programs are optimised. So are campaigns'."""
 for name, value in {
