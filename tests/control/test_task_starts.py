@@ -51,7 +51,7 @@ GROUNDS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("ground", "distance"), GROUNDS)
-@pytest.mark.parametrize("name", ["exact", "reference"])
+@pytest.mark.parametrize("name", ["exact", pytest.param("reference", marks=pytest.mark.campaign)])
 def test_balls_start_as_far_above_any_ground_as_the_task_says(ground, distance, name):
     """Their surfaces: nodes without one may be below the ground, which they pass."""
     scene, task = jaxgrity.load_scene(name), control.TASKS["heading"]

@@ -295,7 +295,7 @@ def test_the_report_comes_before_the_search_counts_as_done(whole):
     assert whole.done_at_the_end
 
 
-@pytest.mark.parametrize(("stage", "done"), [("evolving", 1), ("polishing", 1)])
+@pytest.mark.parametrize(("stage", "done"), [("evolving", 1), pytest.param("polishing", 1, marks=pytest.mark.campaign)])
 def test_an_interrupted_search_is_resumed_to_the_very_same_end(exact, config, whole, interrupted, stage, done):
     """Wherever it was interrupted; generations that were saved are not evolved again."""
     folder, heard = interrupted(stage, done), []
