@@ -8,9 +8,6 @@ from jaxgrity.io.structure_tables import CatalogueTable, RobotTable
 from jaxgrity.report import plot
 from jaxgrity.structures.geometry import RobotGeometry
 
-SHARED = ("mass", "node_mass", "fixed", "pose", "aligned", "height", "prestress")
-"""Keys of `[structure]` that every kind has, and which say nothing about its geometry."""
-
 
 def main(settings: CatalogueSettings) -> None:
     """Print the kinds, and write them as JSON with pictures."""
@@ -18,8 +15,7 @@ def main(settings: CatalogueSettings) -> None:
     for table in get_args(CatalogueTable | RobotTable):
         kind, example = table.__struct_config__.tag, table()
         geometry = RobotGeometry(*example.geometry())
-        keys = {key: getattr(example, key) for key in table.__struct_fields__ if key not in SHARED}
-        entries.append(entry(kind, keys, geometry))
+        entries.append(entry(kind, example.own_keys(), geometry))
         structures[kind] = geometry
     if not settings.quick:
         for kind, geometry in structures.items():
