@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.arguments import check_key, check_number
-from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.height_fields import bumps
@@ -110,8 +110,7 @@ def find_task(task: str | Task, scene: Scene) -> Task:
         if getattr(found, "shape", None) != (2,):
             raise InputError(f"{type(task).__name__}.wanted_direction: returns {found}; expected shape (2,), x and y")
         return task
-    if task not in TASKS:
-        raise InputError(f"task = {task!r}: {unknown(task, TASKS)}; expected one of {', '.join(TASKS)}")
+    check_known("task", task, TASKS)
     named, size = TASKS[task], float(length_scale(scene))
     return named._replace(
         bumps=size * named.bumps,
