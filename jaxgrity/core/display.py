@@ -81,6 +81,12 @@ def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str
     return f"{known} (standard deviation {deviation:.2g}{f'; {lost}' if failed else ''})"
 
 
+def aligned(rows: list[list[str]]) -> str:
+    """A table in words: a line for each row, with columns that begin one below the other."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return "\n".join("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip() for row in rows)
+
+
 def counted_robots(count: int) -> str:
     """How many robots a mean is of, in words."""
     return f"{count} perturbed robots" if count > 1 else "one robot, as nothing is uncertain"
