@@ -7,6 +7,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges
 from jaxgrity.model.structure import edge_lengths
+from jaxgrity.structures.geometry import ring
 
 PRISM_RADIUS, PRISM_HEIGHT = 0.3, 0.6
 """Radius and height of the prisms of a tower, m."""
@@ -39,14 +40,11 @@ def prism_tower_geometry(struts: int) -> tuple[np.ndarray, Edges, Edges]:
     if struts < 3 or struts % 3:
         raise InputError(f"struts = {struts}: expected a multiple of 3, three for each prism of the tower")
     prisms = struts // 3
-    corners = 2 * np.pi / 3 * np.arange(3)
     nodes, rods, cables = [], [], []
     for k in range(prisms):
         low, high = 6 * k, 6 * k + 3
         for turn, level in ((0.0, 0.0), (PRISM_TWIST, PRISM_HEIGHT)):
-            z = np.full(3, k * (PRISM_HEIGHT + PRISM_GAP) + level)
-            ring = [PRISM_RADIUS * np.cos(corners + turn), PRISM_RADIUS * np.sin(corners + turn), z]
-            nodes.append(np.stack(ring, axis=1))
+            nodes.append(ring(3, PRISM_RADIUS, turn, k * (PRISM_HEIGHT + PRISM_GAP) + level))
         for a in range(3):
             b = (a + 1) % 3
             rods.append((low + a, high + a))
