@@ -7,14 +7,7 @@ import numpy as np
 from jaxgrity.formats.compounds import spanning_points
 from jaxgrity.formats.foreign import Losses, cone_of
 from jaxgrity.formats.mjcf_bodies import inertia_of
-from jaxgrity.formats.mjcf_contact import (
-    SAME_PLACE,
-    GroundFound,
-    Touching,
-    is_within,
-    lift_of,
-    what_touches,
-)
+from jaxgrity.formats.mjcf_contact import SAME_PLACE, GroundFound, Touching, is_within, lift_of, what_touches
 from jaxgrity.formats.mjcf_joints import Shared, own_nodes
 from jaxgrity.formats.mjcf_losses import largest_first, lose_beside_sites, lose_rims
 from jaxgrity.model.balls import Balls
@@ -23,12 +16,7 @@ from jaxgrity.model.ground import ExactGround
 
 
 def touched_by_balls(
-    model: Any,
-    data: Any,
-    at: tuple[np.ndarray, np.ndarray],
-    shared: list[Shared],
-    many: list[int],
-    losses: Losses,
+    model: Any, data: Any, at: tuple[np.ndarray, np.ndarray], shared: list[Shared], many: list[int], losses: Losses
 ) -> GroundFound:
     """The plane, for the nodes and bodies `at`, of which `many` become rigid bodies: balls with radii of their own.
 
