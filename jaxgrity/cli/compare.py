@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxgrity.cli.settings import CompareSettings
-from jaxgrity.core.display import mean_of_robots, significant, with_error
+from jaxgrity.core.display import aligned, mean_of_robots, significant, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text, save_json
 from jaxgrity.report import plot
@@ -60,8 +60,7 @@ def main(settings: CompareSettings) -> None:
         own = flat(summary["settings"])
         chosen = [json.dumps(own[key]) if key in own else "-" for key in differ]
         rows.append([name, *chosen, *(column(summary) for column in COLUMNS.values())])
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    print("\n".join("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip() for row in rows))
+    print(aligned(rows))
     facts = [dict(zip(rows[0], row)) for row in rows[1:]]
     save_json(settings.out / "comparison.json", {**measured(), "runs": facts})
     plot.save(figure(runs), settings.out / "comparison.png")

@@ -26,6 +26,7 @@ from jaxgrity.control.plant import (
 from jaxgrity.control.sensors import Observation, Sensors
 from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, task_start
 from jaxgrity.core.arguments import check_key, check_number
+from jaxgrity.core.elementwise import rows_where
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
@@ -174,9 +175,7 @@ class Environment:
             found = f"over, keys: shapes {over.shape} and {np.shape(keys)}"
             raise InputError(f"{found}; expected one of each for the {episodes} states, of many episodes")
         fresh = jax.lax.cond(over.any(), jax.vmap(self.reset), lambda _: states, keys)
-        return jax.tree.map(
-            lambda new, old: jnp.where(over.reshape(-1, *[1] * (old.ndim - 1)), new, old), fresh, states
-        )
+        return rows_where(over, fresh, states)
 
 
 def sensed(seen: Observation, direction: AnyArray) -> AnyArray:

@@ -110,7 +110,7 @@ def gap(discs: Discs, scene: Scene, q: np.ndarray) -> np.ndarray:
     if not len(discs.radii):
         return np.full(q.shape[:-2], np.inf)
     structure, balls = scene.structure, None if scene.ground is None else scene.ground.balls
-    edges = [edge for kind in (structure.struts, structure.cables) if kind is not None for edge in kind.edges]
+    edges = [edge for members in structure.members for edge in members.edges]
     edges += lines_between_points(structure.bodies)
     if not edges:
         raise InputError("the robot has neither members nor bodies; expected some, to be kept from discs")

@@ -21,7 +21,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, as_dtype, start_of, with_gait
-from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, last_axes, over_lanes, step_axes
+from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, last_axes, lift_over, over_lanes, step_axes
 from jaxgrity.populations.metrics import actuator_tension, check_told_apart
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.complementarity import Lift, one_robot
@@ -285,7 +285,4 @@ def _tension(plant: Plant, scene: Scene, step: Step) -> AnyArray:
 
 
 def _lift_of(plant: Plant, scene: Scene) -> Lift:
-    if plant.robots is None:
-        return one_robot
-    axes = lane_axes(scene)
-    return lambda function, in_axes: over_lanes(function, tuple(axes if a == "s" else a for a in in_axes))
+    return one_robot if plant.robots is None else lift_over(lane_axes(scene))

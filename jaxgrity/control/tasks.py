@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.arguments import check_key, check_number
-from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.height_fields import bumps
@@ -119,8 +119,7 @@ def find_task(task: str | Task, scene: Scene) -> Task:
             expected = "a number, and two to remember, of shape (2,)"
             raise InputError(f"{type(task).__name__}.progressed: returns {found}; expected {expected}")
         return task
-    if task not in TASKS:
-        raise InputError(f"task = {task!r}: {unknown(task, TASKS)}; expected one of {', '.join(TASKS)}")
+    check_known("task", task, TASKS)
     named, size = TASKS[task], float(length_scale(scene))
     return named._replace(
         bumps=size * named.bumps,

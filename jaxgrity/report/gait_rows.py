@@ -9,9 +9,9 @@ from jaxgrity.core.display import counted_robots, finite_or, mean_of_robots, sig
 from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report import plot
 from jaxgrity.report.steady import NOT_LASTING, steady_rows
-from jaxgrity.search.attraction import multiplier_words
 from jaxgrity.search.objectives import Objective
 from jaxgrity.search.paths import SETTLING
+from jaxgrity.search.promotion import multiplier_words
 
 
 def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:

@@ -44,11 +44,10 @@ from jaxgrity import (
 from jaxgrity.orbits import find_orbit, stability
 from jaxgrity.report.measuring import actuators, directions
 from jaxgrity.search import OBJECTIVES, Progress, find_objective, judge_at, load_states, without_measuring
-from jaxgrity.search.attraction import orbit_multipliers
 from jaxgrity.search.fidelity import excess_at
 from jaxgrity.search.genetic_algorithm import distinct
 from jaxgrity.search.judging import standard_error, with_robots
-from jaxgrity.search.promotion import promote
+from jaxgrity.search.promotion import orbit_multipliers, promote
 from jaxgrity.structures import random_tensegrity
 
 pytestmark = pytest.mark.slow
