@@ -113,8 +113,9 @@ def find_task(task: str | Task, scene: Scene) -> Task:
         found = _tried(task, "wanted_direction", task.wanted_direction, aim, place)
         if getattr(found, "shape", None) != (2,):
             raise InputError(f"{type(task).__name__}.wanted_direction: returns {found}; expected shape (2,), x and y")
-        progressed = lambda *given: task.progressed(*given[:3], 0.01, given[3])  # noqa: E731
-        found = _tried(task, "progressed", progressed, aim, place, place, aim)
+        found = _tried(
+            task, "progressed", lambda *x: task.progressed(x[0], x[1], x[2], 0.01, x[3]), aim, place, place, aim
+        )
         if not isinstance(found, tuple) or [getattr(x, "shape", None) for x in found] != [(), (2,)]:
             expected = "a number, and two to remember, of shape (2,)"
             raise InputError(f"{type(task).__name__}.progressed: returns {found}; expected {expected}")

@@ -248,7 +248,9 @@ def _safe_step(plan: Plan, links: list[Link]) -> float:
     """s: an eighth of the period of the stiffest node or body, with all springs of a node along each direction."""
     x, pull, structure = np.asarray(plan.structure.nodes, float), np.zeros(len(plan.node_mass)), plan.structure
     for members in structure.members:
-        for k, edge in enumerate(members.edges if members.stiffness is not None else ()):
+        if members.stiffness is None:
+            continue
+        for k, edge in enumerate(members.edges):
             pull[list(edge)] += 0.0 if members is structure.struts and k in plan.rigid else members.stiffness[k]
     alone = np.setdiff1d(np.flatnonzero(plan.node_mass), [node for link in links for node in link.nodes])
     squares = list(pull[alone] / plan.node_mass[alone])

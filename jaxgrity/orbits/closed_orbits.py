@@ -130,7 +130,7 @@ def _guess(
     q, _ = state
     end, _ = final_state(scene, cycle, options, state, steps=steps)
     shift = (share @ end - share @ q)[:2]
-    return jnp.concatenate([*(x.ravel() for x in state), shift, turned_by(share, q, end)[None]])
+    return jnp.concatenate([*(x.ravel() for x in state), shift, jnp.reshape(turned_by(share, q, end), 1)])
 
 
 def _newton(f, y):

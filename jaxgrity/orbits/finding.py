@@ -207,7 +207,7 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     later, time = (len(changes) - since) // 2, periods * period
     # on a slope too: that the robot keeps its heading there is what is to be seen
     angles = [turned_by(mass / mass.sum(), once[k], once[k + periods]) for k in range(since + later, len(changes))]
-    turned, frames = float(np.mean(angles)), periods * FRAMES
+    turned, frames = float(np.mean(np.array(angles))), periods * FRAMES
     watched = (len(once) - 1 - since) * period
     settled = settled and (plane.turns or abs(turned) / time * watched <= HEADING)
     cycles = (path[k * FRAMES :][: frames + 1] for k in range(since, len(changes)))
