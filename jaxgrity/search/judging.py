@@ -78,7 +78,7 @@ class Fitness(eqx.Module):
         return worth, self.bounds.excess(peak_rates(gaits, lengths).max(-1), outcomes.metrics)
 
 
-def masses_and_lengths(scene: Scene, gaits: Gait, differences: Differences | None) -> tuple[AnyArray, AnyArray]:
+def masses_and_lengths(scene: Scene, gaits: Gait, differences: Differences | None) -> tuple[float | AnyArray, AnyArray]:
     """Mass, kg, and rest lengths of the actuated members, m, of the scene's robot, or of each that differs in them."""
     told = lambda robot: (robot.mass, actuated_lengths(robot, gaits.members))  # noqa: E731
     counts = ("node_mass", "cable_rest_length", "strut_rest_length")

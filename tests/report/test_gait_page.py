@@ -1,5 +1,6 @@
 """The page that a search leaves leads with what the gait does; the picture of its orbit is that of a closed path."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -99,7 +100,7 @@ def test_the_moving_frame_goes_along_the_arc(exact, turning):
     nodes = np.einsum("abf,nb->fna", turn, np.asarray(exact.structure.nodes))
     nodes = nodes + np.stack([np.real(way), np.imag(way), zero], axis=-1)[:, None]
     done = jaxgrity.Trajectory(
-        times, nodes, 0 * nodes, np.zeros((), int), np.zeros((), int), np.zeros((), int), "", None
+        times, nodes, 0 * nodes, jnp.zeros((), int), jnp.zeros((), int), jnp.zeros((), int), "", None
     )
     figure = plot.orbit_figure(exact, done, 4.0, turning)
     assert figure.axes[1].get_title() == "about a frame that goes at 0.800 m/s"

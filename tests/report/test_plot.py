@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import matplotlib
 import numpy as np
@@ -15,6 +16,7 @@ from PIL import Image
 import jaxgrity
 from jaxgrity.report import plot
 from jaxgrity.report.notebook import search_html
+from jaxgrity.search.pipeline import SearchResult
 
 SHOWN_WIDTH = 830 * 0.75
 """points: how wide a page shows a figure, of 96 pixels an inch"""
@@ -131,7 +133,7 @@ def test_a_search_shows_itself_in_the_words_of_its_report(motion):
         SimpleNamespace(summary=lambda: facts),
         SimpleNamespace(duration=40.0, fitness=jaxgrity.Fitness()),
     )
-    page = search_html(SimpleNamespace(scene=motion[0], verdict=verdict, problem=problem))
+    page = search_html(Mock(spec=SearchResult, scene=motion[0], verdict=verdict, problem=problem))
     assert "verified distance: 30.20 ± 0.04 m in 40 s" in page
     assert "objective: 0.82 ± 0.02 m (standard deviation 0.14) over 128 perturbed robots" in page
     assert "beyond a bound on actuators: 20 % of robots" in page
