@@ -20,7 +20,7 @@ NEAR = 0.05
 """body lengths, by which heights of nodes and distances between them may differ from the orbit's at most"""
 
 
-@measurement(page="gait_records.md", quick={"robots": 8, "duration": 20.0, "contacts": ("own",)}, raw=("shares",))
+@measurement(page="gait_records.md", quick={"robots": 8, "duration": 20.0, "contacts": ("own",)}, drawn=("shares",))
 def basin(
     contacts: tuple[str, ...] = ("own", "other"),
     robots: int = 256,
@@ -86,7 +86,7 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@basin.figure(6, 3.5)
+@basin.figure(4.2)
 def figure(record: Record, chart: Figure) -> None:
     """The share of robots that roll, over time."""
     shares = {f"{row['gait']}, {row['contact']}": np.asarray(row["shares"]) for row in record["rows"]}

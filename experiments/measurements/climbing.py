@@ -75,7 +75,7 @@ def steepest_climbed(rows: list[Record], way: str, k: int) -> str:
     return f"{climbed[-1]['slope']:g}°" if climbed else "none"
 
 
-@climbing.figure(8, 3.2)
+@climbing.figure(3.6)
 def figure(record: Record, chart: Figure) -> None:
     """Speed uphill against the slope, for each coefficient of friction."""
     rows, friction = record["rows"], record["friction"]

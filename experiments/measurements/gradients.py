@@ -229,7 +229,7 @@ def temporary(scene: Scene, gaits: Gait, name: str, horizon: float) -> int:
     return compiled.memory_analysis().temp_size_in_bytes
 
 
-@gradients.figure(11, 4)
+@gradients.figure(4.4)
 def figure(record: Record, chart: Figure) -> None:
     """Time of each mode in rollouts, and the memory of the reverse modes against the length of the rollout."""
     left, right = chart.subplots(1, 2)

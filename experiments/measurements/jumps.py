@@ -22,7 +22,7 @@ SHOWN = 200
 
 @measurement(
     page="gait_records.md",
-    raw=("times", "heights"),
+    drawn=("times", "heights"),
     quick={"rates": (2.0,), "duration": 2.5, "population": 8, "generations": (1, 1)},
 )
 def jumps(
@@ -88,7 +88,7 @@ def _with_spread(robots: Record) -> str:
     return f"{robots['mean']:.3f} ({robots['standard_deviation']:.2g})"
 
 
-@jumps.figure(6.5, 3.2)
+@jumps.figure(4)
 def figure(record: Record, chart: Figure) -> None:
     """Heights of the centre of mass over time."""
     axes = chart.subplots()

@@ -12,7 +12,7 @@ from jaxgrity import SolverOptions, contact_twin, load_scene, with_error
 from jaxgrity.control import LearningConfig, environment, learn, learner, trials
 
 
-@measurement(page="environments.md", quick={"updates": 2, "robots": 8, "episodes": 2}, raw=("curve",))
+@measurement(page="environments.md", quick={"updates": 2, "robots": 8, "episodes": 2}, drawn=("curve",))
 def learning(
     seeds: tuple[int, ...] = (0, 1, 2),
     updates: int = 300,
@@ -68,7 +68,7 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@learning.figure(6, 3.5)
+@learning.figure(4.2)
 def figure(record: Record, chart: Figure) -> None:
     """Progress of the policies that are tried, against control periods."""
     axes = chart.subplots()

@@ -140,7 +140,7 @@ def words(record: Record) -> str:
     return "\n\n".join([table(head, rows), table(numbers, designs), about])
 
 
-@design_study.figure(11, 3.6)
+@design_study.figure(4)
 def figure(record: Record, chart: Figure) -> None:
     """Speed and cost of transport over the power that an actuator may give, and the designs."""
     rows = record["rows"]

@@ -103,7 +103,7 @@ def words(record: Record) -> str:
     return table(head, rows)
 
 
-@populations.figure(10, 4)
+@populations.figure(4)
 def figure(record: Record, chart: Figure) -> None:
     """Cost per gait and simulated second against the size of the population; dashed: the other machine's."""
     for axes, method in zip(chart.subplots(1, 2, sharey=True, squeeze=False)[0], METHODS):

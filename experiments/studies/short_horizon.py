@@ -277,7 +277,7 @@ def among_controllers(record: Record) -> str:
     return columns(best, cells)
 
 
-@short_horizon.figure(7, 3.5)
+@short_horizon.figure(4.2)
 def figure(record: Record, chart: Figure) -> None:
     """Progress of the policies that are tried, against processor time, for each contact model."""
     contacts = list(dict.fromkeys(row["contact"] for row in record["rows"]))

@@ -14,10 +14,11 @@ from measurements.pages import columns, table
 from tqdm import tqdm
 
 from jaxgrity import METHODS, Scene, load_scene, parse_scene, stable_step
+from jaxgrity.report import plot
 from jaxgrity.stepping import step_limit
 
 
-@measurement(page="accuracy.md", quick={"scenes": 4}, raw=("rows",))
+@measurement(page="accuracy.md", quick={"scenes": 4}, drawn=("rows",))
 def stability(scenes: int = 20, seed: int = 0) -> Record:
     """How far each method's measured limits are off, and what sets those of known scenes.
 
@@ -92,16 +93,17 @@ def words(record: Record) -> str:
     return worst + "\n\n" + columns(record["limits"], cells)
 
 
-@stability.figure(5.5, 5)
+@stability.figure(4.5)
 def figure(record: Record, chart: Figure) -> None:
-    """Measured against predicted, a colour for each method."""
+    """Measured against predicted, a colour and a marker for each method."""
     rows = record["rows"]
     axes = chart.subplots()
-    for name in dict.fromkeys(row["method"] for row in rows):
+    for name, marker in zip(dict.fromkeys(row["method"] for row in rows), plot.MARKERS):
         mine = [row for row in rows if row["method"] == name]
-        axes.loglog([r["predicted"] for r in mine], [r["measured"] for r in mine], "o", alpha=0.6, label=name)
-    ends = np.array([min(r["predicted"] for r in rows), max(r["predicted"] for r in rows)])
-    axes.loglog(ends, ends, "k-", lw=0.8, label="equal")
-    axes.fill_between(ends, 0.9 * ends, 1.1 * ends, color="k", alpha=0.1, label="within 10 %")
-    axes.set(xlabel="predicted largest stable step (s)", ylabel="smallest step that diverges (s)")
-    axes.legend()
+        predicted, measured = (1e3 * np.array([row[key] for row in mine]) for key in ("predicted", "measured"))
+        axes.loglog(predicted, measured, marker, alpha=0.7, label=name)
+    ends = 1e3 * np.array([min(r["predicted"] for r in rows), max(r["predicted"] for r in rows)])
+    axes.loglog(ends, ends, color="black", lw=0.8, label="equal")
+    axes.fill_between(ends, 0.9 * ends, 1.1 * ends, color="black", alpha=0.1, label="within 10 %")
+    axes.set(xlabel="predicted largest stable step (ms)", ylabel="smallest step that diverges (ms)")
+    chart.legend(loc="outside right upper")

@@ -87,13 +87,12 @@ def words(record: Record) -> str:
     )
 
 
-@stiff.figure()
+@stiff.figure(4)
 def figure(record: Record, chart: Figure) -> None:
     """Steps, rejected ones included, a panel for each tolerance."""
     rows = record["rows"]
     tolerances = list(dict.fromkeys(row["tolerance"] for row in rows))
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
-    chart.set_size_inches(5 * len(tolerances), 4)
     for axes, tolerance in zip(np.atleast_1d(chart.subplots(1, len(tolerances), sharey=True)), tolerances):
         for k, method in enumerate(METHODS):
             mine = [row for row in rows if row["method"] == method and row["tolerance"] == tolerance]
