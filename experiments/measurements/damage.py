@@ -147,7 +147,7 @@ def recovered(cases: dict[str, Ways], intact: Ways, kind: str) -> dict[str, Any]
 def figure(record: Record, chart: Figure) -> None:
     """Steady speed of each robot on each of the ways, and what counts as recovered."""
     robots, top = {"intact": record["intact"]} | record["damaged"], fastest(record["intact"])["own"]["mean"]
-    chart.set_figheight(0.32 * len(robots) + 1.6)
+    chart.set_figheight(0.5 * len(robots) + 1.6)
     axes = chart.subplots()
     rows = np.arange(len(robots))
     for k, (way, marker) in enumerate(zip(WAYS, plot.MARKERS)):

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from jaxgrity import Gait, Scene, SolverOptions, centre_path, gaits_of, simulate, simulate_population, with_gait
 from jaxgrity.model import random_members
 from jaxgrity.report import plot
-from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
+from paper_claims.report import CALLED, PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 
 FREQUENCIES = (0.5, 0.25, 0.125, 0.0625, 0.03125)
 """Hz"""
@@ -116,25 +116,25 @@ def subset_row(name: str, found: list[float]) -> Row:
 
 @plot.styled
 def figure(frequencies, slow: dict, paths: dict, spread: dict) -> Figure:
-    chart = Figure(figsize=(11, 4.6), layout="constrained")
+    chart = Figure(figsize=(plot.WIDTH, 4.8), layout="constrained")
     moved, above, draws = chart.subplots(1, 3)
-    for k, (name, found) in enumerate(slow.items()):
-        for kind, style in (("struts", "o-"), ("cables", "s--")):
-            moved.loglog(
-                frequencies, np.maximum(found[kind]["moved"], 1e-6), style, color=f"C{k}", label=f"{name}, {kind}"
-            )
-    for kind, path in paths.items():
-        above.plot(path[:, 0], path[:, 1], label=kind)
-    draws.boxplot([np.array(d)[np.isfinite(d)] for d in spread.values()], tick_labels=list(spread), whis=(0, 100))
+    looks = iter(zip(("C0", "C1", "C2", "C3", "C4", "C5"), plot.MARKERS))
+    for name, found in slow.items():
+        for kind in ("struts", "cables"):
+            (colour, marker), metres = next(looks), np.maximum(found[kind]["moved"], 1e-6)
+            style = "-" if kind == "struts" else "--"
+            moved.loglog(frequencies, metres, marker + style, color=colour, ms=5, label=f"{CALLED[name]}, {kind}")
+    for path, colour in zip(paths.values(), ("C0", "C1")):  # the reference robot's, as to the left
+        above.plot(path[:, 0], path[:, 1], color=colour)
+    found = [np.array(d)[np.isfinite(d)] for d in spread.values()]
+    draws.boxplot(found, tick_labels=[CALLED[name].replace(" ", "\n") for name in spread], whis=(0, 100))
     draws.set_yscale("log")
+    draws.grid(visible=False, axis="x")
     moved.set(xlabel="frequency (Hz)", ylabel="displacement in two periods (m)")
-    above.set(xlabel="x (m)", ylabel="y (m)", title=f"{REFERENCE}, {frequencies[-1]:.3g} Hz")
+    above.set(xlabel="x (m)", ylabel="y (m)", title=f"{CALLED[REFERENCE]}, {frequencies[-1]:.3g} Hz")
     above.axis("equal")
-    draws.set(ylabel="displacement (m)", title="a random fifth of the cables")
-    moved.set_xticks(frequencies, [f"{f:.3g}" for f in frequencies])
+    draws.set(ylabel="displacement (m)", title="a random fifth\nof the cables")
+    moved.set_xticks(frequencies, [f"{f:.2g}" for f in frequencies], rotation=45)
     moved.minorticks_off()
-    for axes in (moved, above):
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16))
-    for axes in (moved, above, draws):
-        axes.grid(alpha=0.3)
+    chart.legend(*moved.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return chart

@@ -75,7 +75,7 @@ def row(name: str, found: dict) -> Row:
 def frames(scene: Scene, motion: Trajectory) -> Figure:
     times, q = np.asarray(motion.times), np.asarray(motion.positions)
     path = centre_path(scene, motion)
-    figure = Figure(figsize=(10.5, 3.6))
+    figure = Figure(figsize=(plot.WIDTH, 3.6))
     shown = [0, min(len(times) - 1, 50), min(len(times) - 1, int(np.searchsorted(times, MOMENT)))]
     for place, k in enumerate(shown):
         axes = figure.add_subplot(1, 3, place + 1, projection="3d", computed_zorder=False)

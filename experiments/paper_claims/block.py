@@ -199,25 +199,22 @@ def complementarity_rows(facts: dict) -> list[Row]:
 
 @plot.styled
 def figure(facts: dict, dropped: dict) -> Figure:
-    chart = Figure(figsize=(10.5, 4.2), layout="constrained")
+    chart = Figure(figsize=(plot.WIDTH, 4.2), layout="constrained")
     slid, deep, ratio = chart.subplots(1, 3)
-    for k, (law, found) in enumerate(facts.items()):
+    for (law, found), marker in zip(facts.items(), plot.MARKERS):
         angles = [float(angle) for angle in found]
-        slid.semilogy(
-            angles, [abs(row["slid"]) + 1e-16 for row in found.values()], "os^"[k] + "-", label=law, alpha=0.7
-        )
+        slid.semilogy(angles, [abs(row["slid"]) + 1e-16 for row in found.values()], f"{marker}-", label=law, alpha=0.7)
         motion = dropped[law]
-        deep.plot(motion["times"], 1e3 * np.asarray(motion["depth"]), "--" if law == "switch" else "-", label=law)
-        ratio.plot(motion["times"], motion["ratio"], label=law, lw=1)
+        sparse = {"marker": marker, "markersize": 4, "markevery": 0.08}
+        deep.plot(motion["times"], 1e3 * np.asarray(motion["depth"]), "--" if law == "switch" else "-", **sparse)
+        ratio.plot(motion["times"], motion["ratio"], lw=1, **sparse)
     exact = [(float(a), row["exact"]) for a, row in facts["cone"].items() if row["exact"] > 0]
     slid.semilogy(*zip(*exact), "k_", ms=14, label="exact")
-    slid.axvline(FRICTION_ANGLE, color="k", lw=0.6, ls=":", label="friction angle")
+    slid.axvline(FRICTION_ANGLE, color="C3", lw=1.2, label="friction angle")
     slid.set(xlabel="incline (degrees)", ylabel="distance slid in 5 s (m)")
     deep.set(xlabel="time (s)", ylabel="depth below the plane (mm)", xlim=(0, 1), ylim=(-10, 4))
-    ratio.axhline(MU, color="k", lw=0.8, ls="-.", label="mu")
+    ratio.axhline(MU, color="C4", lw=1.2, label="coefficient of friction")
     ratio.set(xlabel="time (s)", ylabel="friction / normal force", xlim=(0, 1))
     lines = {label: line for axes in (slid, ratio) for line, label in zip(*axes.get_legend_handles_labels())}
-    for axes in (slid, deep, ratio):
-        axes.grid(alpha=0.3)
-    chart.legend(lines.values(), lines, loc="outside lower center", ncols=len(lines))
+    chart.legend(lines.values(), lines, loc="outside lower center", ncols=3)
     return chart

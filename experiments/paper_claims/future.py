@@ -96,12 +96,11 @@ def turning(quick: bool) -> dict:
 
 @plot.styled
 def figure(spread: dict) -> Figure:
-    chart = Figure(figsize=(5, 4.8), layout="constrained")
+    chart = Figure(figsize=(plot.WIDTH, 4.8), layout="constrained")
     axes = chart.subplots()
     axes.plot(*np.asarray(spread["moved"]).T, "o", ms=4, label="random gaits, 8 s")
     axes.plot(0, 0, "k+", ms=12, label="start")
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.axis("equal")
-    axes.grid(alpha=0.3)
-    axes.legend()
+    chart.legend(loc="outside right upper")
     return chart

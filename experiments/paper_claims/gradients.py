@@ -144,7 +144,7 @@ def rows(facts: dict) -> list[Row]:
 
 @plot.styled
 def figure(cable: dict) -> Figure:
-    chart = Figure(figsize=(9, 3.8), layout="constrained")
+    chart = Figure(figsize=(plot.WIDTH, 3.8), layout="constrained")
     force, stiffness = chart.subplots(1, 2)
     force.plot(1e3 * cable["stretch"], cable["force"])
     # the stiffness jumps after the last sample that has none, which is that of l = L0
@@ -152,6 +152,5 @@ def figure(cable: dict) -> Figure:
     force.set(xlabel="stretch l - L0 (mm)", ylabel="force (N)")
     stiffness.set(xlabel="stretch l - L0 (mm)", ylabel="stiffness (N/m)")
     for axes in (force, stiffness):
-        axes.grid(alpha=0.3)
         axes.xaxis.set_major_locator(MaxNLocator(5))
     return chart

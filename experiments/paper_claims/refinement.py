@@ -161,22 +161,21 @@ def gain_row(name: str, found: dict) -> Row:
 
 @plot.styled
 def figure(cases: dict[str, Case], facts: dict) -> Figure:
-    chart = Figure(figsize=(11, 5.5), layout="constrained")
+    chart = Figure(figsize=(plot.WIDTH, 5.6), layout="constrained")
     end, early, apart = chart.subplots(1, 3)
-    for k, (name, found) in enumerate(facts.items()):
-        style = "s--" if cases[name].method == "complementarity" else "o-"
-        end.loglog(found["steps"], found["error_at_end"], style, color=f"C{k}", label=cases[name].label, ms=4)
-        early.loglog(found["steps"], found["error_early"], style, color=f"C{k}", ms=4)
+    for (name, found), marker in zip(facts.items(), plot.MARKERS):
+        look = {"marker": marker, "markersize": 5}
+        end.loglog(found["steps"], found["error_at_end"], **look, label=cases[name].label)
+        early.loglog(found["steps"], found["error_early"], **look)
         times = np.linspace(0, 0.01 * (len(found["neighbours"]) - 1), len(found["neighbours"]))
-        apart.semilogy(times, found["neighbours"] + 1e-18, style[1:], color=f"C{k}")
-    for axes, title in ((end, "at the end"), (early, "early on, at 0.1 to 0.5 s")):
+        apart.semilogy(times, found["neighbours"] + 1e-18, **look, markevery=0.1)
+    for axes, title in ((end, "at the end"), (early, "early on (0.1 to 0.5 s)")):
         h = np.array([1e-4, 1e-3])
-        axes.loglog(h, 1e-6 * (h / 1e-3) ** 4, "k--", lw=0.8)
+        axes.loglog(h, 1e-6 * (h / 1e-3) ** 4, color="black", lw=0.8)
         axes.annotate("slope 4", (h[1], 1e-7), ha="right", va="bottom", xytext=(-6, 8), textcoords="offset points")
-        axes.set(xlabel="step (s)", ylabel="largest error of a node (m)", title=title, ylim=(1e-16, 10))
-        axes.grid(alpha=0.3)
-    chart.legend(loc="outside lower center", ncols=4)
+        axes.set(xlabel="step (s)", title=title, ylim=(1e-16, 10))
+    end.set_ylabel("largest error of a node (m)")
+    chart.legend(loc="outside lower center", ncols=2)
     apart.set(xlabel="time (s)", ylabel="distance of neighbours (m)", ylim=(1e-14, 10))
     apart.set_title(f"neighbours {NEARBY:g} m apart")
-    apart.grid(alpha=0.3)
     return chart

@@ -12,6 +12,8 @@ HOLDS, CONDITIONAL, FAILS = VERDICTS = "holds", "holds with a condition", "does 
 
 PROGRAM, TEXT, REFERENCE = "paper_program", "paper_text", "reference"
 """names of scenes: the robot of the paper's program, of its text, and the project's own"""
+CALLED = {PROGRAM: "paper's program", TEXT: "paper's text", REFERENCE: "reference robot"}
+"""what figures call them"""
 
 
 class Row(NamedTuple):

@@ -31,7 +31,7 @@ def check(quick: bool) -> Report:
                 "edges are cables",
             )
         )
-    figure = Figure(figsize=(10.5, 5))
+    figure = Figure(figsize=(plot.WIDTH, 5))
     for place, name in enumerate((REFERENCE, PROGRAM)):
         axes = figure.add_subplot(1, 2, place + 1, projection="3d")
         q = np.asarray(known[name].structure.nodes)

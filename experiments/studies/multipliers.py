@@ -212,11 +212,12 @@ def close_up(scene: Scene, orbit: Orbit, options: SolverOptions, found: FloquetM
 @multipliers.figure(7.5)
 def figure(record: Record, chart: Figure) -> None:
     """Deviations over cycles, and the map over a cycle, close up; by gait and part of the step."""
-    own = [row for row in record["rows"] if "curves" in row and row["part"] == 1]
+    own = [row for row in record["rows"] if row["contact"] == "exact" and row["part"] == 1]
+    curves = [row["curves"] for row in own]
     mapped = [row for row in record["rows"] if "map" in row]
     above, *others = chart.subplot_mosaic([["above"] * len(mapped), [str(k) for k in range(len(mapped))]]).values()
-    for row, first in zip(own, (0, len(SIZES)), strict=True):
-        for k, (size, curve) in enumerate(zip(SIZES, row["curves"], strict=True), first):
+    for row, each, first in zip(own, curves, (0, len(SIZES)), strict=True):
+        for k, (size, curve) in enumerate(zip(SIZES, each, strict=True), first):
             look = {"color": f"C{k}", "marker": plot.MARKERS[k], "markevery": 4, "markersize": 5}
             middle = 1e3 * np.maximum(curve, 1e-13)
             above.semilogy(np.arange(1, len(middle) + 1), middle, **look, label=f"{row['gait']}, {size:g} m/s")
