@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from measurements.engines import C_SWEEPS, Engine, clock, engines, numpy_roll, ours, seconds_of
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import table
+from measurements.pages import by_name, table
 from tqdm import tqdm
 
 from jaxgrity import InputError, Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
@@ -66,8 +66,8 @@ class Point(NamedTuple):
 @measurement(
     page="performance.md",
     quick={"duration": 0.5, "repeats": 2, "steps": 1},
-    raw=("numpy_off",),
-    drawn=("points",),
+    raw=("points", "numpy_off"),
+    drawn=("lines",),
     listed=False,
 )
 def benchmark(
@@ -114,6 +114,7 @@ def benchmark(
         "gradient": gradient,
         "rollouts_per_second": [{"error": target, "rates": rates(points, target, duration)} for target in TARGETS],
         "points": [point._asdict() for point in points],
+        "lines": lines_of(points),
         "numpy_off": numpy_off,
     }
 
@@ -256,19 +257,28 @@ def gradient_cost(scene: Scene, phases: np.ndarray, horizon: float, repeats: int
     return {"phases": phases.shape[1], "reverse": float(reverse / alone)}
 
 
+def lines_of(points: list[Point]) -> Record:
+    """Costs and errors of each engine in each precision, where its error is a number."""
+    found: dict[str, list[Record]] = {}
+    for point in points:
+        if np.isfinite(point.error):
+            found.setdefault(f"{point.engine} {point.dtype}", []).append(point._asdict())
+    return {name: by_name(mine, "seconds", "error") for name, mine in found.items()}
+
+
 @benchmark.figure(5.8)
 def figure(record: Record, chart: Figure) -> None:
     """Error against wall time, a line for each engine and precision."""
-    axes, points = chart.subplots(), [Point(**point) for point in record["points"]]
-    looks = dict(zip(STEPS, plot.MARKERS))
-    for name, dtype in dict.fromkeys((p.engine, p.dtype) for p in points):
-        line = [
-            p for p in points if (p.engine, p.dtype) == (name, dtype) and p.error is not None and np.isfinite(p.error)
-        ]
-        style = {"color": f"C{list(STEPS).index(name)}", "marker": looks[name], "ms": 6}
+    axes, looks = (
+        chart.subplots(),
+        {name: (f"C{k}", marker) for k, (name, marker) in enumerate(zip(STEPS, plot.MARKERS))},
+    )
+    for line, found in record["lines"].items():
+        name, _, dtype = line.rpartition(" ")
+        colour, marker = looks[name]
+        style = {"color": colour, "marker": marker, "ms": 6}
         style |= {} if dtype == "float64" else {"mfc": "white", "ls": "--"}
-        x, y = ([getattr(p, key) for p in line] for key in ("seconds", "error"))
-        axes.loglog(x, y, label=f"{WRITTEN.get(name, name)}, {dtype}", **style)
+        axes.loglog(found["seconds"], found["error"], label=f"{WRITTEN.get(name, name)}, {dtype}", **style)
     for at, colour, label in ((record["numpy_seconds"], "0.5", "NumPy loop, RK4 at 0.5 ms"), (1, "black", "real time")):
         axes.axvline(at, color=colour, lw=1.2, label=label)
     axes.set(xlabel="wall time per gait and simulated second (s)", ylabel="median error of the last centre of mass (m)")

@@ -11,7 +11,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import columns
+from measurements.pages import by_name, columns
 from tqdm import tqdm
 
 from jaxgrity import Scene, centre_path, load_gait, load_scene, simulate, with_gait
@@ -53,7 +53,7 @@ def continuation(gait: str = "straight", quick_values: bool = False) -> Iterator
     own = find_orbit(scene, 2 * WATCHED / float(scene.gait.frequency[0]))
     for name, ways in ({"friction": (np.array([1.0, 0.9]),)} if quick_values else VALUES).items():
         each = [row for values in ways for row in followed(scene, own, name, tqdm(values, desc=name))]
-        yield {"quantity": name, **span(each), "each": [{key: row[key] for key in DRAWN} for row in each]}
+        yield {"quantity": name, **span(each), "each": by_name(each, *DRAWN)}
     return {"speed": own.speed, "body_length": own.body_length}
 
 
@@ -167,11 +167,12 @@ def figure(record: Record, chart: Figure) -> None:
     """Of each quantity the speed in every one of the last periods, and the largest multiplier."""
     grid = chart.subplots(2, len(record["rows"]), sharex="col", sharey="row", squeeze=False)
     for (above, below), quantity in zip(grid.T, record["rows"]):
-        for row in quantity["each"]:
+        each = [dict(zip(DRAWN, values)) for values in zip(*(quantity["each"][name] for name in DRAWN))]
+        for row in each:
             look = {"color": "C0", "marker": "."} if row["on_orbit"] else {"color": "C1", "marker": "x"}
             label = "a period on the orbit" if row["on_orbit"] else "a period after the orbit is lost"
             above.plot([row["value"]] * len(row["each"]), row["each"], linestyle="", markersize=4, label=label, **look)
-        known = [row for row in quantity["each"] if row["on_orbit"] and row["multiplier"] is not None]
+        known = [row for row in each if row["on_orbit"] and row["multiplier"] is not None]
         held = np.array(sorted((row["value"], row["multiplier"]) for row in known)).reshape(-1, 2)
         below.semilogy(*held.T, "s-", color="C2", markersize=3, label="largest multiplier")
         below.axhline(1, color="0.6", linewidth=0.8, zorder=0)

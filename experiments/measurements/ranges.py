@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from measurements.driven import drops
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import columns
+from measurements.pages import by_name, columns
 
 from jaxgrity import (
     Differences,
@@ -66,12 +66,7 @@ def ranges(
         factors = np.unique([*np.geomspace(*SPANS[name], values - 1), 1.0])
         speeds = scanned(scene, name, factors, robots, duration)
         scan = [{"factor": x, **told(each)} for x, each in zip(factors, speeds)]
-        yield {
-            "contact": contact,
-            "quantity": name,
-            **reach(scan),
-            "scan": {key: [row[key] for row in scan] for key in scan[0]},
-        }
+        yield {"contact": contact, "quantity": name, **reach(scan), "scan": by_name(scan)}
     return {"robots": robots}
 
 

@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import short, table
+from measurements.pages import by_name, short, table
 
 from jaxgrity import (
     METHODS,
@@ -65,8 +65,8 @@ LOOKS = {
     quick={
         "scene": ("free flight",), "methods": ("rk4", "complementarity"), "precisions": ("float64",), "mujoco": False,
     },
-    raw=("gaits",),
-    drawn=("rows",),
+    raw=("rows", "gaits"),
+    drawn=("lines",),
 )  # fmt: skip
 def work_precision(
     scene: Literal["free flight", "drop and settle", "0.5 Hz roll", "1 Hz roll"],
@@ -103,6 +103,7 @@ def work_precision(
         "models_apart": float(np.median(distance(truths[False], truths[True]))),
         "target": TARGET,
         "cost_at_target": cost_at_target(rows),
+        "lines": lines_of([row for row in rows if row["error"] is not None]),
     }
 
 
@@ -267,18 +268,23 @@ def cost_at_target(rows: list[Record]) -> dict[str, float]:
     return dict(sorted(costs.items(), key=lambda item: item[1]))
 
 
+def lines_of(rows: list[Record]) -> Record:
+    """Errors and costs of each method in each precision."""
+    found: dict[str, list[Record]] = {}
+    for row in rows:
+        found.setdefault(f"{row['method']} {row['dtype']}", []).append(row)
+    return {name: by_name(mine, "error", "seconds", "evaluations") for name, mine in found.items()}
+
+
 @work_precision.figure(9)
 def figure(record: Record, chart: Figure) -> None:
     """Error against wall time, and against force evaluations."""
     panels, apart = chart.subplots(2), record["models_apart"]
-    known = [row for row in record["rows"] if row["error"] is not None]
-    for method, dtype in dict.fromkeys((row["method"], row["dtype"]) for row in known):
-        line = [row for row in known if (row["method"], row["dtype"]) == (method, dtype)]
+    for name, line in record["lines"].items():
+        method, _, dtype = name.rpartition(" ")
         style = LOOKS[method] | {"ms": 5} | ({} if dtype == "float64" else {"mfc": "white", "ls": "--"})
         for axes, cost in zip(panels, ("seconds", "evaluations")):
-            axes.loglog(
-                [row[cost] for row in line], [row["error"] for row in line], label=f"{method}, {dtype}", **style
-            )
+            axes.loglog(line[cost], line["error"], label=f"{method}, {dtype}", **style)
     for axes in panels:
         axes.axhline(apart, color="black", lw=1.2, label="distance of the two models")
         axes.set(ylabel=f"median error of {record['error_of']} (m)")

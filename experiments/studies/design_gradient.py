@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import table
+from measurements.pages import by_name, table
 from scipy.optimize import linprog
 from studies.design_space import HIGHEST, LOWEST, NAMES, Limits, designed, on_orbit
 from tqdm import tqdm
@@ -101,7 +101,7 @@ def climbed(exact: Scene, x: np.ndarray, limits: Limits, power: float, most: int
     kept = sum(step["kept"] for step in steps)
     said = f"{first['speed']:.3f} m/s on penalty contact, {here['speed']:.3f} m/s after {kept} steps"
     found = {"said": said, "penalty": first, "climbed": here, "back": back}
-    found |= {"steps": len(steps), "kept": kept, "each": steps}
+    found |= {"steps": len(steps), "kept": kept, "each": by_name(steps, "speed", "kept") if steps else []}
     return found | ({} if first_slope is None else {"slopes": first_slope._asdict()})
 
 
@@ -197,7 +197,7 @@ def figure(record: Record, chart: Figure) -> None:
         for axes, name in ((speed, "speed"), (power, "power")):
             relative = np.asarray(row["slopes"][name]) / row["penalty"]["speed" if name == "speed" else "peak_power"]
             axes.barh(place, relative, 0.8 / len(some), label=f"{row['power']:g} W")
-        kept = [row["penalty"]["speed"], *(step["speed"] for step in row["each"] if step["kept"])]
+        kept = [row["penalty"]["speed"], *np.array(row["each"]["speed"])[row["each"]["kept"]]]
         climb.plot(range(len(kept)), kept, f"{marker}-")
     for axes, name in ((speed, "speed"), (power, "power")):
         axes.axvline(0, color="black", linewidth=0.8)

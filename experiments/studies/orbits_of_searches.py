@@ -40,7 +40,7 @@ def orbits_of_searches(searches: int = 64) -> Iterator[Record]:
     gaits = [searched(scene, seed) for seed in tqdm(seeds, desc="searching", unit="search")]
     for contact, model in (("exact", scene), ("penalty", contact_twin(scene))):
         each = [{"seed": seed, **converged(with_gait(model, gait))} for seed, gait in zip(seeds, tqdm(gaits))]
-        yield {"contact": contact, **summary(each), "each": [shown(row) for row in each if row["settled"]]}
+        yield {"contact": contact, **summary(each), "each": shown([row for row in each if row["settled"]])}
 
 
 def searched(scene: Scene, seed: int) -> Gait:
@@ -85,10 +85,10 @@ def summary(here: list[Record]) -> dict[str, Any]:
     }
 
 
-def shown(row: Record) -> Record:
-    """What the figure shows of one gait: by how much coarser steps are off the finest, m/s, and the error bar."""
-    off = np.abs(np.array(row["speeds"][:-1]) - row["speeds"][-1])
-    return {"off": off, "bar": row["speed_error_bar"]}
+def shown(settled: list[Record]) -> Record:
+    """What the figure shows of gaits that settled: how far coarser steps are off the finest, m/s, and the error bar."""
+    speeds = np.array([row["speeds"] for row in settled]).reshape(len(settled), len(PARTS))
+    return {"off": np.abs(speeds[:, :-1] - speeds[:, -1:]), "bar": [row["speed_error_bar"] for row in settled]}
 
 
 def order(speeds: np.ndarray) -> np.ndarray:
@@ -118,8 +118,8 @@ def figure(record: Record, chart: Figure) -> None:
     bars, steps = chart.subplots(1, 2, sharey=True)
     parts = 1 / np.array(PARTS[:-1])
     for k, (row, mark) in enumerate(zip(record["rows"], plot.MARKERS)):
-        off = np.maximum(np.array([each["off"] for each in row["each"]]).reshape(-1, len(parts)), 1e-10)
-        bars.loglog([each["bar"] for each in row["each"]], off[:, 0], mark, markersize=5, fillstyle="none")
+        off = np.maximum(np.reshape(row["each"]["off"], (-1, len(parts))), 1e-10)
+        bars.loglog(row["each"]["bar"], off[:, 0], mark, markersize=5, fillstyle="none")
         steps.loglog(parts, off.T, color=f"C{k}", lw=0.5, alpha=0.3)
         if len(off):
             steps.loglog(parts, np.median(off, axis=0), f"C{k}{mark}-", label=f"{row['contact']} contact (median bold)")

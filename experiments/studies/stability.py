@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 from measurements.measured_limits import at_rest, measure
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import columns, table
+from measurements.pages import by_name, columns, table
 from tqdm import tqdm
 
 from jaxgrity import METHODS, Scene, load_scene, parse_scene, stable_step
@@ -18,7 +18,7 @@ from jaxgrity.report import plot
 from jaxgrity.stepping import step_limit
 
 
-@measurement(page="accuracy.md", quick={"scenes": 4}, drawn=("rows",))
+@measurement(page="accuracy.md", quick={"scenes": 4}, raw=("rows",), drawn=("steps",))
 def stability(scenes: int = 20, seed: int = 0) -> Record:
     """How far each method's measured limits are off, and what sets those of known scenes.
 
@@ -42,7 +42,9 @@ def stability(scenes: int = 20, seed: int = 0) -> Record:
         name: float(np.max(np.abs([row["ratio"] - 1 for row in rows if row["method"] == name])))
         for name in dict.fromkeys(row["method"] for row in rows)
     }
-    return {"scenes": scenes, "worst": worst, "limits": known_limits(), "rows": rows}
+    return {"scenes": scenes, "worst": worst, "limits": known_limits(), "rows": rows} | {
+        "steps": by_name(rows, "method", "predicted", "measured")
+    }
 
 
 def known_limits() -> list[dict]:
@@ -96,13 +98,12 @@ def words(record: Record) -> str:
 @stability.figure(4.5)
 def figure(record: Record, chart: Figure) -> None:
     """Measured against predicted, a colour and a marker for each method."""
-    rows = record["rows"]
-    axes = chart.subplots()
-    for name, marker in zip(dict.fromkeys(row["method"] for row in rows), plot.MARKERS):
-        mine = [row for row in rows if row["method"] == name]
-        predicted, measured = (1e3 * np.array([row[key] for row in mine]) for key in ("predicted", "measured"))
-        axes.loglog(predicted, measured, marker, alpha=0.7, label=name)
-    ends = 1e3 * np.array([min(r["predicted"] for r in rows), max(r["predicted"] for r in rows)])
+    axes, steps = chart.subplots(), record["steps"]
+    predicted, measured = (1e3 * np.array(steps[name]) for name in ("predicted", "measured"))
+    for name, marker in zip(dict.fromkeys(steps["method"]), plot.MARKERS):
+        mine = np.array(steps["method"]) == name
+        axes.loglog(predicted[mine], measured[mine], marker, alpha=0.7, label=name)
+    ends = np.array([predicted.min(), predicted.max()])
     axes.loglog(ends, ends, color="black", lw=0.8, label="equal")
     axes.fill_between(ends, 0.9 * ends, 1.1 * ends, color="black", alpha=0.1, label="within 10 %")
     axes.set(xlabel="predicted largest stable step (ms)", ylabel="smallest step that diverges (ms)")

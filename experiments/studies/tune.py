@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from measurements.driven import ENOUGH, PART, dropped_loop, drops
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import table
+from measurements.pages import by_name, table
 from tqdm import tqdm
 
 from jaxgrity import Differences, SolverOptions, as_dtype, gait_record, load_gait, load_scene
@@ -48,7 +48,12 @@ class Search(NamedTuple):
     """controllers that are compared with what is found"""
 
 
-@measurement(page="control.md", quick={"generations": 2, "candidates": 6, "robots": 2, "judged": 2}, drawn=("rows",))
+@measurement(
+    page="control.md",
+    quick={"generations": 2, "candidates": 6, "robots": 2, "judged": 2},
+    raw=("rows",),
+    drawn=("fitness",),
+)
 def tune(
     what: Literal["feedback", "on bumps"],
     generations: int | None = None,
@@ -69,7 +74,11 @@ def tune(
     """
     search = search_for(what)
     found, rows = tuned(search, generations or search.generations, candidates, robots, seed)
-    return {"rows": rows, "judged": judgement(search.known | {"found by this run": found}, judged)}
+    return {
+        "rows": rows,
+        "fitness": by_name(rows),
+        "judged": judgement(search.known | {"found by this run": found}, judged),
+    }
 
 
 def search_for(what: str) -> Search:
@@ -190,7 +199,7 @@ def figure(record: Record, chart: Figure) -> None:
     axes = chart.subplots()
     labels = {"best": "best candidate", "mean": "mean of the candidates", "start": "start of the search"}
     for (name, label), marker in zip(labels.items(), plot.MARKERS):
-        found = [row[name] for row in record["rows"]]
+        found = record["fitness"][name]
         axes.plot(np.arange(1, len(found) + 1), found, f"{marker}-", markersize=5, label=label)
     axes.set(xlabel="generation", ylabel="fitness (m/s)", ylim=(0, None))
     axes.xaxis.get_major_locator().set_params(integer=True)
