@@ -95,4 +95,4 @@ def figure(record: Record, chart: Figure) -> None:
         times = PART * np.arange(len(share) + 1)
         axes.stairs(100 * share, times, label=name, baseline=None, linewidth=1.8)
     axes.set(xlabel="time since the drop (s)", ylabel="robots that roll (%)", ylim=(0, 103))
-    axes.legend()
+    chart.legend(loc="outside upper center", ncols=2)

@@ -266,20 +266,19 @@ def lines_of(points: list[Point]) -> Record:
     return {name: by_name(mine, "seconds", "error") for name, mine in found.items()}
 
 
-@benchmark.figure(5.8)
+@benchmark.figure(6.4)
 def figure(record: Record, chart: Figure) -> None:
     """Error against wall time, a line for each engine and precision."""
-    axes, looks = (
-        chart.subplots(),
-        {name: (f"C{k}", marker) for k, (name, marker) in enumerate(zip(STEPS, plot.MARKERS))},
-    )
+    axes = chart.subplots()
+    looks = {name: (f"C{k}", marker) for k, (name, marker) in enumerate(zip(STEPS, plot.MARKERS))}
+    names = {"rk4": "jaxgrity, RK4", "complementarity": "jaxgrity, exact contact", **WRITTEN}
     for line, found in record["lines"].items():
         name, _, dtype = line.rpartition(" ")
         colour, marker = looks[name]
         style = {"color": colour, "marker": marker, "ms": 6}
         style |= {} if dtype == "float64" else {"mfc": "white", "ls": "--"}
-        axes.loglog(found["seconds"], found["error"], label=f"{WRITTEN.get(name, name)}, {dtype}", **style)
+        axes.loglog(found["seconds"], found["error"], label=f"{names.get(name, name)}, {dtype}", **style)
     for at, colour, label in ((record["numpy_seconds"], "0.5", "NumPy loop, RK4 at 0.5 ms"), (1, "black", "real time")):
         axes.axvline(at, color=colour, lw=1.2, label=label)
     axes.set(xlabel="wall time per gait and simulated second (s)", ylabel="median error of the last centre of mass (m)")
-    chart.legend(loc="outside lower center", ncols=3)
+    chart.legend(loc="outside lower center", ncols=2)

@@ -161,7 +161,9 @@ def figure(record: Record, chart: Figure) -> None:
     axes.plot([], [], "o", color="grey", markerfacecolor="white", label="hollow: beyond actuator bounds")
     axes.axvline(top, color="black", lw=1, label="the intact robot's best")
     axes.axvline(record["enough"] * top, color="C6", lw=1, ls="--", label=f"{record['enough']:.0%} of that")
-    axes.axhline(0.5, color="grey", lw=0.8)
+    for between in rows[1:] - 0.5:
+        axes.axhline(between, color="grey", lw=0.8, alpha=1.0 if between == 0.5 else 0.3)
+    axes.grid(visible=False, axis="y")
     axes.set_yticks(rows, list(robots))
     axes.set(ylim=(len(rows) - 0.5, -0.5), xlim=(0, None))
     axes.set_xlabel("steady speed (body lengths/s): mean and standard deviation of perturbed robots")

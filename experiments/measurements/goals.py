@@ -163,4 +163,6 @@ def figure(record: Record, chart: Figure) -> None:
     )
     axes.set(xlabel=across, ylabel=downhill, aspect="equal")
     axes.invert_yaxis()
-    chart.legend(loc="outside right upper")
+    width, height = (np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    chart.set_figheight(7.2 * height / width + 1.4)
+    chart.legend(loc="outside lower center", ncols=3)

@@ -233,7 +233,7 @@ def figure(record: Record, chart: Figure) -> None:
                 bars = {"xerr": half[some, k], "color": colour, "fmt": marker, "markersize": 3, "linewidth": 1}
                 axes.errorbar(off[some, k], trial[some], **bars, label=label)
             axes.axvline(0, color="black", linewidth=0.8)
-            title = FOUR[k].path.removeprefix("structure.").replace(".", " ").replace("_", "\n")
+            title = FOUR[k].path.removeprefix("structure.").replace(".", " ").replace("_", " ")
             axes.set(
                 title=title,
                 xlabel="error (%)",

@@ -11,6 +11,7 @@ from measurements.measurement import Figure, Record, measurement
 from measurements.pages import columns
 
 from jaxgrity import ActuatorBounds, SearchConfig, centre_path, load_scene, search_gaits, simulate
+from jaxgrity.report import plot
 from jaxgrity.search import JumpHeight
 from jaxgrity.stepping import resolve
 
@@ -92,9 +93,10 @@ def _with_spread(robots: Record) -> str:
 def figure(record: Record, chart: Figure) -> None:
     """Heights of the centre of mass over time."""
     axes = chart.subplots()
-    for row in record["rows"]:
+    for row, marker in zip(record["rows"], plot.MARKERS):
         start = np.interp(record["begins"], row["times"], row["heights"])
-        axes.plot(row["times"], np.array(row["heights"]) - start, label=f"{row['rate']:g} m/s")
+        look = {"marker": marker, "markevery": 0.08, "markersize": 5}
+        axes.plot(row["times"], np.array(row["heights"]) - start, **look, label=f"{row['rate']:g} m/s")
     axes.axvline(record["begins"], color="0.6", linewidth=1, linestyle=":")
     axes.set(xlabel="time (s)", ylabel="rise of the centre of mass (m)")
     chart.legend(loc="outside right upper", title="largest rate")

@@ -114,6 +114,5 @@ def figure(record: Record, chart: Figure) -> None:
                 label = f"{dtype}, {machine['device']}"
                 axes.loglog([row["gaits"] for row in rows], each, style, color=colour, label=label)
         axes.set(xlabel="gaits", title=method)
-        axes.grid(alpha=0.3, which="both")
     chart.legend(*chart.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     chart.axes[0].set_ylabel("µs per gait and simulated second")

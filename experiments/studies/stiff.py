@@ -97,6 +97,6 @@ def figure(record: Record, chart: Figure) -> None:
         for k, method in enumerate(METHODS):
             mine = [row for row in rows if row["method"] == method and row["tolerance"] == tolerance]
             axes.bar(np.arange(len(scenes)) + 0.27 * k, [r["steps"] + r["rejected"] for r in mine], 0.25, label=method)
-        axes.set_xticks(np.arange(len(scenes)) + 0.27, scenes)
+        axes.set_xticks(np.arange(len(scenes)) + 0.27, scenes, rotation=30)
         axes.set(yscale="log", ylabel="steps, accepted and rejected", title=f"tolerance {tolerance:g}")
     chart.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=len(METHODS))
