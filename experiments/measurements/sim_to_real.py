@@ -147,7 +147,7 @@ def figure(record: Record, chart: Figure) -> None:
         above.plot(percent, np.sort(np.asarray(speeds, float)), **look, label=f"forecast {name} identification")
     above.axhline(record["true"], color="black", linewidth=1, label="the robot itself")
     above.set(xlabel="plausible robots (%), slowest first", ylabel="steady speed (m/s)", ylim=(0, None))
-    above.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    above.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     kinds = {"gradient_share": "by the orbit's gradient", "share": "over the robots"}
     for k, (axes, (name, each)) in enumerate(zip(bars, forecasts.items())):
         places = np.arange(len(each["parameters"]))

@@ -65,7 +65,6 @@ def figure(record: Record, chart: Figure) -> None:
     path.plot(*seen.T, "o", color="0.6", markersize=4, label=f"camera, mean of {len(errors)} runs")
     path.plot(*simulated.T, color="C0", label="simulated")
     path.set(xlabel="x (mm)", ylabel="z (mm)", title="Origin of the vertebra's frame")
-    path.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12))
     for k, (name, unit) in enumerate(zip(POSE, ("mm", "mm", "degrees"))):
         axes = chart.add_subplot(grid[k, 1])
         error, steps = errors[:, :, k], np.arange(1, len(simulated) + 1)
@@ -80,7 +79,8 @@ def figure(record: Record, chart: Figure) -> None:
         if k == 0:
             axes.set_title("Camera less simulation")
     axes.set_xlabel("command")
-    chart.legend(*axes.get_legend_handles_labels(), loc="outside lower right", ncols=3)
+    both = [a + b for a, b in zip(path.get_legend_handles_labels(), axes.get_legend_handles_labels())]
+    chart.legend(*both, loc="outside lower center", ncols=3)
 
 
 @validation.table

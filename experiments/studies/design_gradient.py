@@ -189,8 +189,8 @@ def told(found: Record) -> str:
 def figure(record: Record, chart: Figure) -> None:
     """What speed and power depend on in each design, and how the climbs went."""
     rows = record["rows"]
-    (speed, power), (climb, _) = panes = chart.subplots(2, 2)
-    panes[1, 1].set_visible(False)
+    (speed, power), (climb, beside) = chart.subplots(2, 2)
+    beside.set_axis_off()
     some = [row for row in rows if row["each"] and "slopes" in row]  # a record that keeps no steps is refused
     for k, (row, marker) in enumerate(zip(some, plot.MARKERS)):
         place = np.arange(len(NAMES)) + 0.8 * (k - (len(some) - 1) / 2) / max(len(some), 1)
@@ -207,4 +207,4 @@ def figure(record: Record, chart: Figure) -> None:
         axes.set(xlabel=f"change of {name} (%) for 1 % of the number", title=f"What {name} depends on")
     climb.set(xlabel="steps kept", ylabel="steady speed (m/s)", ylim=(0, None), title="Climbs on penalty contact")
     climb.xaxis.get_major_locator().set_params(integer=True)
-    chart.legend(*speed.get_legend_handles_labels(), title="power allowed", loc="outside lower center", ncols=len(some))
+    beside.legend(*speed.get_legend_handles_labels(), title="power allowed", loc="upper left")

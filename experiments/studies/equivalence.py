@@ -149,9 +149,11 @@ def compare(law: Callable, exact: Scene, values: tuple[float, ...], duration: fl
 def figure(record: Record, chart: Figure) -> None:
     """Distance between the models against stiffness, and penetration at the end against m g / (n k_n)."""
     apart, deep = chart.subplots(1, 2)
-    for each, marker, name in zip(record["rows"], plot.MARKERS, ("struts", "struts, no friction", "ground")):
+    for each, marker, name in zip(
+        record["rows"], plot.MARKERS, ("stiffer struts", "stiffer struts, no friction", "stiffer ground")
+    ):
         row = each["every"]
-        apart.loglog(row["values"], 1e3 * np.array(row["distance"]), f"{marker}-", label=f"{name} made stiffer")
+        apart.loglog(row["values"], 1e3 * np.array(row["distance"]), f"{marker}-", label=name)
     apart.set(xlabel="stiffness (N/m)", ylabel="distance from the exact model (mm)")
     deep.loglog(row["values"], 1e3 * np.array(row["penetration_at_end"]), "D", color="C3", label="depth at the end")
     known = [(v, 1e3 * w) for v, w in zip(row["values"], row["weight_over_n_k"]) if w is not None]

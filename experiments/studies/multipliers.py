@@ -220,10 +220,10 @@ def figure(record: Record, chart: Figure) -> None:
         for k, (size, curve) in enumerate(zip(SIZES, each, strict=True), first):
             look = {"color": f"C{k}", "marker": plot.MARKERS[k], "markevery": 4, "markersize": 5}
             middle = 1e3 * np.maximum(curve, 1e-13)
-            above.semilogy(np.arange(1, len(middle) + 1), middle, **look, label=f"{row['gait']}, {size:g} m/s")
+            above.semilogy(np.arange(1, len(middle) + 1), middle, **look, label=f"{row['gait']}, {1e3 * size:g} mm/s")
     above.set(xlabel="cycles since the disturbance", ylabel="difference of shape (mm)")
-    above.set_title("Robots disturbed by a random velocity")
-    above.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    title = "gait and size of a random velocity that disturbs the robot"
+    above.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, title=title)
     for axes, row in zip(others, mapped, strict=True):
         after = 1e3 * np.array(row["map"])
         axes.plot(1e3 * np.linspace(-NEAR, NEAR, len(after)), after, ".", markersize=2)
