@@ -47,7 +47,9 @@ def check(quick: bool) -> Report:
     rows += [half_millimetre_row(name, by_step[name], weights[name]) for name in names]
     rows += [weight_row(name, weights[name]) for name in names if name != REFERENCE or quick]
     rows += [kkt_row(name, landing[name], exact[name]) for name in names]
-    return Report("Penalty against KKT", rows, {"penalty": figure(resting, landing, by_step)}, facts)
+    return Report(
+        "Penalty against KKT", rows, "penalty", {key: facts[key] for key in ("rest", "landing", "by_step")}, facts
+    )
 
 
 def rest(k_n: float) -> float:
@@ -116,17 +118,17 @@ def kkt_row(name: str, landing: dict[str, float], exact: float) -> Row:
 
 
 @plot.styled
-def figure(resting: dict, landing: dict, by_step: dict) -> Figure:
+def figure(rest: dict, landing: dict, by_step: dict) -> Figure:
     chart = Figure(figsize=(plot.WIDTH, 5), layout="constrained")
     against, steps = chart.subplots(1, 2)
-    k_n = np.array([float(k) for k in resting])
+    k_n = np.array([float(k) for k in rest])
     for (name, found), marker in zip(landing.items(), plot.MARKERS):
-        against.loglog(k_n, 1e3 * np.array(list(found.values())), f"{marker}-", label=f"{CALLED[name]}, landing")
-    against.loglog(k_n, 1e3 * np.array(list(resting.values())), "ko", label="block at rest")
+        against.loglog(k_n, 1e3 * np.array(list(found.values()), float), f"{marker}-", label=f"{CALLED[name]}, landing")
+    against.loglog(k_n, 1e3 * np.array(list(rest.values())), "ko", label="block at rest")
     against.loglog(k_n, 1e3 * 9.81 / k_n, color="0.6", lw=0.8, zorder=0, label="weight / stiffness, of the block")
     for (_, found), marker in zip(by_step.items(), plot.MARKERS):
         milliseconds = [1e3 * float(dt) for dt in found]
-        steps.loglog(milliseconds, 1e3 * np.array(list(found.values())), f"{marker}-")
+        steps.loglog(milliseconds, 1e3 * np.array(list(found.values()), float), f"{marker}-")
     steps.axhline(1e3 * PAPER_BAR, color="C4", lw=1.2, label="0.5 mm, as the paper says")
     against.set(xlabel="stiffness of the ground (N/m)", ylabel="deepest penetration (mm)")
     steps.set(xlabel="step (ms)", ylabel="deepest penetration (mm)", title="stiffness 1e5 N/m")

@@ -38,7 +38,7 @@ def check(quick: bool) -> Report:
     rows = [strain_row(name, kind, found[kind]) for name, found in strains.items() for kind in ("allowed", "any")]
     rows += [mass_row(name, found) for name, found in masses.items()]
     facts = {"stiffnesses": values, "strains": strains, "mass_matrix": masses}
-    return Report("The rigid limit", rows, {"rigid_limit": figure(values, strains)}, facts)
+    return Report("The rigid limit", rows, "rigid_limit", {"values": values, "strains": strains}, facts)
 
 
 def strain(scene: Scene, values: tuple[float, ...], kind: str) -> dict:

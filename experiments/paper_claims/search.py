@@ -20,7 +20,7 @@ def check(quick: bool) -> Report:
     kinds = ("struts",) if quick else ("struts", "cables")
     facts = {f"{name}, {kind}": hunt(known[name], kind, quick) for name in names for kind in kinds}
     rows = [row(name, found) for name, found in facts.items()]
-    return Report("The genetic algorithm", rows, {"search": figure(facts)}, facts)
+    return Report("The genetic algorithm", rows, "search", {"facts": facts}, facts)
 
 
 def hunt(scene: Scene, kind: str, quick: bool) -> dict:
@@ -79,7 +79,7 @@ def figure(facts: dict) -> Figure:
         look = {"color": f"C{k}", "marker": plot.MARKERS[k], "markersize": 4}
         axes.plot(generations, found["best"], **look, label=f"{CALLED[scene]}, {kind}: best")
         axes.plot(generations, found["median"], "--", **look, lw=0.8, mfc="white", label="median")
-        bar = found["error_bar"] if np.isfinite(found["error_bar"]) else 0.0
+        bar = found["error_bar"] or 0.0  # none where it is not finite
         axes.errorbar(
             generations[-1] + 0.5 + 0.15 * k,
             found["distance"],

@@ -37,7 +37,7 @@ def check(quick: bool) -> Report:
     rows = [edge_row(name, found, values) for name, found in limits.items()]
     rows += [halving_row(name, found) for name, found in halved.items()]
     facts = {"stiffnesses": values, "limits": limits, "residuals": halved}
-    return Report("Stability", rows, {"stability": figure(values, limits)}, facts)
+    return Report("Stability", rows, "stability", {"values": values, "limits": limits}, facts)
 
 
 def limit(scene: Scene, K: float) -> dict:
