@@ -169,7 +169,7 @@ def figure(record: Record, chart: Figure) -> None:
     for (above, below), quantity in zip(grid.T, record["rows"]):
         each = [dict(zip(DRAWN, values)) for values in zip(*(quantity["each"][name] for name in DRAWN))]
         for row in each:
-            look = {"color": "C0", "marker": "."} if row["on_orbit"] else {"color": "C1", "marker": "x"}
+            look = {"color": "C0", "marker": "."} if row["on_orbit"] else {"color": "0.6", "marker": "x"}
             label = "a period on the orbit" if row["on_orbit"] else "a period after the orbit is lost"
             above.plot([row["value"]] * len(row["each"]), row["each"], linestyle="", markersize=4, label=label, **look)
         known = [row for row in each if row["on_orbit"] and row["multiplier"] is not None]

@@ -214,7 +214,7 @@ def figure(record: Record, chart: Figure) -> None:
     for axes, row in zip(panes, every):
         for centre, radius in zip(row["centres"], row["radii"]):
             axes.add_patch(Circle(centre, radius, color="#b9b2a3"))
-        for way, look in (("blind", {"color": "C1", "lw": 0.9}), ("planned", {"color": "C0", "lw": 1.6})):
+        for way, look in (("blind", {"color": "#c5522f", "lw": 0.9}), ("planned", {"color": "C0", "lw": 1.6})):
             label = {"blind": "straight to the goal, blind", "planned": "by the plan"}[way]
             axes.plot(*np.transpose(row[way]["path"]), label=label, **look)
         axes.plot(*np.transpose(row["plan"]), color="black", lw=0.8, label="first plan")

@@ -137,7 +137,7 @@ def figure(frequencies: list[float], moved: dict, paths: dict, spread: dict) -> 
     above.set(xlabel="x (m)", ylabel="y (m)", title=f"{CALLED[REFERENCE]}, {frequencies[-1]:.3g} Hz")
     above.axis("equal")
     draws.set(ylabel="displacement (m)", title="a random fifth\nof the cables")
-    distance.set_xticks(frequencies, [f"{f:.2g}" for f in frequencies], rotation=45)
+    distance.set_xticks(frequencies, [f"{f:.3g}" for f in frequencies], rotation=45)
     distance.minorticks_off()
     chart.legend(*distance.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return chart
