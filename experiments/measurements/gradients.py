@@ -248,6 +248,6 @@ def figure(record: Record, chart: Figure) -> None:
     below.set(xlabel="length of the rollout (s)", ylabel=f"memory (MiB),\n{cases[-1][0]} gaits, 6 parameters")
     below.set_xticks(record["lengths"], [f"{t:g}" for t in record["lengths"]])
     below.minorticks_off()
-    beside = {"loc": "upper left", "bbox_to_anchor": (1.0, 1.0)}  # where no bar and no curve is
-    above.legend(**beside)
-    below.legend(**beside)
+    over = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}  # where no bar and no curve is
+    above.legend(**over, ncols=len(cases))
+    below.legend(**over, ncols=3)
