@@ -249,5 +249,5 @@ def figure(record: Record, chart: Figure) -> None:
     below.set_xticks(record["lengths"], [f"{t:g}" for t in record["lengths"]])
     below.minorticks_off()
     over = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}  # where no bar and no curve is
-    above.legend(**over, ncols=len(cases))
-    below.legend(**over, ncols=3)
+    above.legend(**over, ncols=2)
+    below.legend(**over, ncols=2)
