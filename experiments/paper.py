@@ -64,10 +64,12 @@ def main(settings: Settings) -> None:
     unknown = [k for k in (*settings.claims, *settings.redraw) if not 1 <= k <= len(CLAIMS)]
     if unknown:
         raise InputError(f"claims = {unknown}: expected numbers from 1 to {len(CLAIMS)}")
-    for claim in load_facts(settings.docs)["claims"] if settings.redraw else ():
-        if claim["number"] in settings.redraw:
-            plot.save(drawn(claim), settings.docs / "images" / claim["figures"][0])
-    if settings.page_only or settings.redraw:
+    if settings.redraw:
+        for claim in load_facts(settings.docs)["claims"]:
+            if claim["number"] in settings.redraw:
+                plot.save(drawn(claim), settings.docs / "images" / claim["figures"][0])
+        return
+    if settings.page_only:
         fill_page(settings.docs / "paper.md", tables(load_facts(settings.docs)))
         return
     names = [CLAIMS[k - 1] for k in settings.claims] or list(CLAIMS)
@@ -114,9 +116,8 @@ def check(task: tuple[str, Path, bool]) -> tuple[str, dict[str, Any]]:
 def drawn(claim: dict[str, Any]) -> Figure:
     """The figure of a claim. Raises `InputError` where it lacks what that shows."""
     if "drawn" not in claim:
-        raise InputError(
-            f"redraw = {claim['number']}: measured/paper.json has not what the figure shows; measure again"
-        )
+        place = f"redraw = {claim['number']}: measured/paper.json"
+        raise InputError(f"{place} holds less than the figure shows; measure again")
     return importlib.import_module(f"paper_claims.{CLAIMS[claim['number'] - 1]}").figure(**claim["drawn"])
 
 

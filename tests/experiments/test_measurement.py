@@ -1,6 +1,7 @@
 """What the decorator makes of a function: settings, a record that is kept row by row, and what a page quotes of it."""
 
 import json
+import struct
 from typing import Literal
 
 import pytest
@@ -8,6 +9,8 @@ import tyro
 from measurements import registry, update_docs
 from measurements.measurement import measurement
 from measurements.pages import columns
+
+from jaxgrity.report import plot
 
 
 def example():
@@ -82,10 +85,12 @@ def test_rows_alone_are_a_record(tmp_path):
 
 
 def test_a_figure_stands_beside_its_record(tmp_path):
+    """Of the width that all have, so that letters of all figures are of one size on a page."""
     squares = example()
     squares.figure(2)(lambda record, chart: chart.subplots().plot([row["x"] for row in record["rows"]]))
     squares.main(squares.Settings(out=tmp_path))
-    assert (tmp_path / "squares.png").stat().st_size > 100
+    width, height = struct.unpack(">II", (tmp_path / "squares.png").read_bytes()[16:24])
+    assert (width, height) == (130 * plot.WIDTH, 130 * 2)
 
 
 def test_every_measurement_has_a_table_and_names_its_page():
