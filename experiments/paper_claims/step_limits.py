@@ -85,7 +85,9 @@ def figure(values: tuple[float, ...], limits: dict) -> Figure:
     chart = Figure(figsize=(plot.WIDTH, 5.5), layout="constrained")
     axes = chart.subplots()
     for k, ((name, found), marker) in enumerate(zip(limits.items(), plot.MARKERS)):
-        predicted, measured = (1e3 * np.array([each[key] for each in found]) for key in ("predicted", "measured"))
+        predicted, measured = (
+            1e3 * np.array([each[key] for each in found], float) for key in ("predicted", "measured")
+        )
         axes.loglog(values, predicted, color=f"C{k}", label=f"{CALLED[name]}, predicted")
         axes.loglog(values, measured, marker, color=f"C{k}", label=f"{CALLED[name]}, measured")
     axes.axhline(1e3 * STEP, color="black", lw=1.2, label="the paper's step")

@@ -6,7 +6,7 @@ from matplotlib.ticker import MaxNLocator
 
 from jaxgrity import Scene
 from jaxgrity.report import plot
-from paper_claims.report import PROGRAM, REFERENCE, Report, Row, scenes, significant, verdict
+from paper_claims.report import CALLED, PROGRAM, REFERENCE, Report, Row, scenes, significant, verdict
 
 
 def check(quick: bool) -> Report:
@@ -47,7 +47,7 @@ def figure(facts: dict) -> Figure:
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_major_locator(MaxNLocator(5))
             axis.labelpad = 8
-        axes.set_title(f"{name}: {facts[name]['struts']} struts (red), {facts[name]['cables']} cables (dark)")
+        axes.set_title(f"{CALLED[name]}: {facts[name]['struts']} struts (red), {facts[name]['cables']} cables (dark)")
     chart.subplots_adjust(left=0.0, right=0.95, bottom=0.06, top=0.93, wspace=0.1)  # 3D labels count in no layout
     return chart
 
