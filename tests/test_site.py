@@ -129,6 +129,7 @@ def test_scene_files_of_the_pages_are_right():
     assert "rigid struts" in jaxgrity.describe(scene)
     assert scene.gait is not None
     whole = (ROOT / "docs" / "my_robot.toml").read_text("utf-8")
+    assert f"```toml\n{whole}```" in (ROOT / "docs" / "getting_started.md").read_text("utf-8")
     for part in re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "howto.md").read_text("utf-8"), re.DOTALL):
         tables = set(re.findall(r"^\[+(\w+)", part, re.MULTILINE))
         # the tables of the part in place of those of the whole file

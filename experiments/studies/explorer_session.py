@@ -18,7 +18,7 @@ PATIENCE = 300.0
 """s, for a single rollout"""
 
 
-@measurement(page="seeing.md", quick={"rollouts": 40, "duration": 2.0})
+@measurement(page="performance.md", quick={"rollouts": 40, "duration": 2.0})
 def explorer_session(duration: float = 10.0, rollouts: int = 500) -> Record:
     """Move sliders over and over, as somebody would who waits for each rollout and its error bar.
 
