@@ -282,7 +282,7 @@ def figure(record: Record, chart: Figure) -> None:
         name, _, dtype = line.rpartition(" ")
         colour, marker = looks[name]
         style = {"color": colour, "marker": marker, "ms": 6}
-        style |= {} if dtype == "float64" else {"mfc": "white", "ls": "--"}
+        style |= {} if dtype == "float64" else {"mfc": "white", "ls": ":"}
         axes.loglog(found["seconds"], found["error"], label=f"{names.get(name, name)}, {dtype}", **style)
     for at, colour, label in ((record["numpy_seconds"], "0.5", "NumPy loop, RK4 at 0.5 ms"), (1, "black", "real time")):
         axes.axvline(at, color=colour, lw=1.2, label=label)

@@ -282,11 +282,11 @@ def figure(record: Record, chart: Figure) -> None:
     panels, apart = chart.subplots(2), record["models_apart"]
     for name, line in record["lines"].items():
         method, _, dtype = name.rpartition(" ")
-        style = LOOKS[method] | {"ms": 5} | ({} if dtype == "float64" else {"mfc": "white", "ls": "--"})
+        style = LOOKS[method] | {"ms": 5} | ({} if dtype == "float64" else {"mfc": "white", "ls": ":"})
         for axes, cost in zip(panels, ("seconds", "evaluations")):
             axes.loglog(line[cost], line["error"], label=f"{method}, {dtype}", **style)
     for axes in panels:
-        axes.axhline(apart, color="black", lw=1.2, label="distance of the two models")
+        axes.axhline(apart, color="black", ls="--", lw=1.2, label="distance of the two models")
         axes.set(ylabel=f"median error of {record['error_of']} (m)")
     panels[0].set(xlabel="wall time per gait and simulated second (s)", title=record["scene"])
     panels[1].set(xlabel="force evaluations per gait and simulated second")

@@ -52,7 +52,7 @@ class Search(NamedTuple):
     page="control.md",
     quick={"generations": 2, "candidates": 6, "robots": 2, "judged": 2},
     raw=("rows",),
-    drawn=("fitness",),
+    drawn=("worth",),
 )
 def tune(
     what: Literal["feedback", "on bumps"],
@@ -76,7 +76,7 @@ def tune(
     found, rows = tuned(search, generations or search.generations, candidates, robots, seed)
     return {
         "rows": rows,
-        "fitness": by_name(rows),
+        "worth": by_name(rows),
         "judged": judgement(search.known | {"found by this run": found}, judged),
     }
 
@@ -195,12 +195,12 @@ def words(record: Record) -> str:
 
 @tune.figure(4)
 def figure(record: Record, chart: Figure) -> None:
-    """Fitness of the best, the mean and the start in each generation."""
+    """What the best, the mean and the start are worth in each generation."""
     axes = chart.subplots()
-    labels = {"best": "best candidate", "mean": "mean of the candidates", "start": "start of the search"}
+    labels = {"best": "best candidate", "mean": "mean of the candidates", "start": "where it began"}
     for (name, label), marker in zip(labels.items(), plot.MARKERS):
-        found = record["fitness"][name]
+        found = record["worth"][name]
         axes.plot(np.arange(1, len(found) + 1), found, f"{marker}-", markersize=5, label=label)
-    axes.set(xlabel="generation", ylabel="fitness (m/s)", ylim=(0, None))
+    axes.set(xlabel="generation", ylabel="worth (m/s)", ylim=(0, None))
     axes.xaxis.get_major_locator().set_params(integer=True)
     chart.legend(loc="outside upper center", ncols=3)
