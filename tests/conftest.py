@@ -34,6 +34,12 @@ gc.set_threshold(200_000, 50, 100)
 COMPILED = Path(__file__).parents[1] / ".cache" / "jax-tests"
 SIZES = "slow", "campaign"
 """marks of all tests but the fast ones"""
+LONG = {
+    *("experiments", "explorer", "trust"),
+    *("test_bounces", "test_commands", "test_complementarity", "test_finding", "test_learning", "test_methods"),
+    *("test_pipeline", "test_population", "test_rolling", "test_scales", "test_speed_forecast"),
+}
+"""Folders and files of tests with long simulations, or many robots: their programs are optimised. So are campaigns'."""
 for name, value in {
     "JAX_COMPILATION_CACHE_DIR": str(COMPILED),
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.0",
@@ -65,9 +71,14 @@ def pytest_configure(config):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
-    """Fast tests check the shapes of all arrays too; in the others that would cost a quarter of the time."""
+    """Fast tests check the shapes of all arrays too; in the others that would cost a quarter of the time.
+
+    What runs for a moment is not optimised by LLVM, which takes half of the time in which a program is made.
+    """
     known = any(item.get_closest_marker(name) for name in SIZES)
     jaxtyping.config.update("jaxtyping_disable", known)
+    long = item.get_closest_marker("campaign") or LONG & {item.path.stem, item.path.parent.name}
+    jax.config.update("jax_disable_most_optimizations", not long)
     return (yield)
 
 

@@ -1,4 +1,4 @@
-"""The examples of docs/extending.md run as they stand, are as short as the page says, and do what it says."""
+"""The examples of docs/extending.md run as they stand, are short, and do what the page says."""
 
 import re
 from pathlib import Path

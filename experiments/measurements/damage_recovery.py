@@ -16,6 +16,7 @@ from jaxgrity import (
     SearchProblem,
     Symmetry,
     Uncertainty,
+    as_population,
     contact_twin,
     gait_names,
     gait_record,
@@ -134,8 +135,9 @@ def recover(
         found = evolved(intact, robot, config, drawn)
         chosen.append(one_gait(found, best(level, problem, found, seed)))
     names = (gait, known.names[which], *[None] * len(configs))
-    rows = zip(WAYS, names, measure(level, problem, together(chosen), seed), strict=True)
-    return {way: {"gait": name, **row} for way, name, row in rows}
+    # one by one: a population shares one ramp, and searches may choose another than the library's
+    rows = [measure(level, problem, as_population(gait), seed) for gait in chosen]
+    return {way: {"gait": name, **row} for way, name, (row,) in zip(WAYS, names, rows, strict=True)}
 
 
 def evolved(intact: Scene, robot: Scene, config: SearchConfig, seed: int) -> Gait:

@@ -92,12 +92,9 @@ def words(record: Record) -> str:
         f"{sampling['samples']} rollouts of {sampling['horizon']:g} s",
         sampling["interval"],
     )
-    share = {name: f"{record[name]} of {record['trials']}" for name in ("reached", "feedback", "open_loop")}
     median = "" if record["seconds"] is None else f", in {record['seconds']:.0f} s (median)"
     rows = [
-        ["led by a model with nominal friction", share["reached"] + median],
-        ["the gait with feedback, which does not know of the goal", share["feedback"]],
-        ["the gait as it is", share["open_loop"]],
+        ["led by a model with nominal friction", f"{record['reached']} of {record['trials']}{median}"],
         [
             f"time of a choice from {looked}",
             f"{1e3 * often / record['real_time']:.0f} ms of the {1e3 * often:.0f} ms available",

@@ -111,11 +111,13 @@ def words(record: Record) -> str:
     """How many robots got round their obstacles, and what their ways were like."""
     shares = ", ".join(f"{name} {100 * share:.0f} %" for name, share in record["gaits"].items())
     count = record["fields"]
-    rows = []
-    for label, name in (("round obstacles, by the plan", "planned"), ("straight to the goal, blind", "blind")):
-        own = record[name]
-        rows.append([label, f"{own['reached']} of {count}", f"{own['touched']}", f"{count - own['arrived']}"])
-    head = [f"goal within {record['patience']:g} s", "reached, nothing touched", "touched something", "did not arrive"]
+    own = record["planned"]
+    rows = [
+        ["goal reached, nothing touched", f"{own['reached']} of {count}"],
+        ["touched something", f"{own['touched']}"],
+        [f"did not arrive in {record['patience']:g} s", f"{count - own['arrived']}"],
+    ]
+    head = ["robots led round obstacles", "measured"]
     if record["seconds"] is None:
         return table(head, rows)
     apart, off = (f"{100 * record[name]:.0f} cm" for name in ("spread", "surprise"))
@@ -127,7 +129,7 @@ def words(record: Record) -> str:
         [f"error of the predicted place after {record['interval']:g} s, median", off],
         [f"time of a choice for all {count} robots", f"{record['seconds_a_choice']:.1f} s"],
     ]
-    return table(head, rows) + "\n\n" + table(["on these ways", "measured"], more)
+    return table(head, rows + more)
 
 
 def drawn_fields(count: int, seed: int) -> list[Discs]:

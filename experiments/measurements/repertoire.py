@@ -129,15 +129,14 @@ def verified(
         (gait, about | watched(with_gait(problem.scene, gait)))
         for gait, about in candidates(problem, found, asked, tries)
     ]
-    held = [
+    attracting = [
         (gait, row)
         for gait, row in tried
-        if row["settled"]
-        and (row["multiplier"] or 1.0) < 1
-        and row["returned"] >= RETURN
-        and not any(row["cell"] == other["cell"] and row["mirrored"] == other["mirrored"] for other in others)
+        if row["settled"] and (row["multiplier"] or 1.0) < 1 and row["returned"] >= RETURN
     ]
-    count = {"watched": len(tried), "attracting": len(held)}
+    count = {"watched": len(tried), "attracting": len(attracting)}
+    told = [(other["cell"], other["mirrored"]) for other in others]
+    held = [(gait, row) for gait, row in attracting if (row["cell"], row["mirrored"]) not in told]
     if not held:
         return None, tried[0][1] | count
     off = lambda row: WEIGHTS[0] * abs(row["speed"] - asked[0]) + WEIGHTS[1] * abs(row["bend"] - asked[1])  # noqa: E731

@@ -133,7 +133,7 @@ def words(record: Record) -> str:
         shares = [f"{100 * share:.0f}" for share in (own[0]["anew"], *(row["went_on"] for row in own))]
         back = min(row["came_back"] for row in own)
         rows.append([name, f"{own[0]['expected']:.2f}", *shares, f"{100 * back:.0f}"])
-    switched = ["go on: at once, %" if seconds == 0 else f"over {seconds:g} s, %" for seconds in over]
+    switched = ["go on, switched " + ("at once, %" if seconds == 0 else f"over {seconds:g} s, %") for seconds in over]
     head = ["the other gait", "its speed, m/s", "fast enough after a drop, %", *switched, "come back, at least, %"]
     return table(head, rows)
 

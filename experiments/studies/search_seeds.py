@@ -1,4 +1,4 @@
-"""The default search by several seeds: what each finds, and what polishing gains on robots not used for any choice."""
+"""The default search by several seeds: what each finds, and what polishing gains on the robots that decide about it."""
 
 import json
 import subprocess

@@ -8,7 +8,6 @@ velocity, from which the task `speed` makes its reward.
 import json
 import time
 from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -251,11 +250,10 @@ def fitted(now: Learner, seen: Any, targets: Any, moments: Any) -> tuple[eqx.nn.
 
 @short_horizon.table
 def words(record: Record) -> str:
-    """What each method reaches."""
-    cells = {
-        "contact": "{contact}",
-        "method": "{method}",
-        "robots; seed": "{robots}; {seed}",
+    """What each method reaches; whatever is the same in all rows is left out."""
+    told = {"contact": "{contact}", "method": "{method}", "robots": "{robots}", "seed": "{seed}"}
+    cells = {name: cell for name, cell in told.items() if len({row[name] for row in record["rows"]}) > 1}
+    cells |= {
         "progress, m/s": lambda row: with_error(row["progress"], row["error"], decimals=2),
         "updates": "{updates}",
         "control periods": lambda row: f"{row['periods'] / 1e6:.2f} million",
@@ -264,18 +262,6 @@ def words(record: Record) -> str:
         ),
     }
     return columns(record["rows"], cells)
-
-
-@partial(short_horizon.table, part="among_controllers")
-def among_controllers(record: Record) -> str:
-    """The best policy of each method on exact contact, beside the table of controllers."""
-    own = [row for row in record["rows"] if row["contact"] == "exact"]
-    best = [max((r for r in own if r["method"] == m), key=lambda row: row["progress"]) for m in (PPO, SHAC)]
-    cells = {
-        f"`speed`, {record['seconds']:g} s of processor time": "{method}",
-        "progress, m/s": lambda row: with_error(row["progress"], row["error"], decimals=2),
-    }
-    return columns(best, cells)
 
 
 @short_horizon.figure(4.2)

@@ -45,6 +45,8 @@ SCALE = np.array([0.15] * 4 + [0.1] * 4 + [0.1, 0.1, 0.15])
 """of the numbers that are trained, about how far each may move at first"""
 OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE = "open loop", "feedback", "sure-footed", "trained", "predictive"
 LEARNED = "PPO"
+WRITTEN = {FEEDBACK: "plain feedback", SURE: "`sure_footed`"}
+"""Names of controllers in the table."""
 
 
 class Training(NamedTuple):
@@ -129,7 +131,7 @@ def words(record: Record) -> str:
         ]
         for row in record["rows"]
     ]
-    return table(["progress, m/s", *names], rows)
+    return table(["progress, m/s", *(WRITTEN.get(name, name) for name in names)], rows)
 
 
 def judged(rolled: Callable, numbers: list[np.ndarray], training: Training) -> np.ndarray:

@@ -31,6 +31,8 @@ BEST, MOVED, LEAST_SPREAD = 5, 0.4, 0.01
 OPEN_LOOP = np.array([0.0] * 8 + [1.0] * 2)
 COUNTED = 1.1
 """times the orbit's speed, beyond which being faster does not count"""
+PARTS = {"gains": slice(4), "swings, s": slice(4, 8), "factors of stroke and frequency": slice(8, 10)}
+"""Names of the parts of a controller's ten numbers; the table leaves out those in which controllers do not differ."""
 TUNED_BUMPS, JUDGED_BUMPS, JUDGED_DROPS = 10, 0, 10**6
 """seeds of the bumps of the search, and of ground and drops of the last judgement, on which nothing is tuned"""
 
@@ -183,14 +185,13 @@ def judgement(controllers: dict[str, np.ndarray], robots: int) -> list[dict[str,
 @tune.table
 def words(record: Record) -> str:
     """What known feedback and that of a run are made of, and what they are worth."""
-    rows = []
-    for row in record["judged"]:
-        gains, swings, (larger, faster) = (row["numbers"][part] for part in (slice(4), slice(4, 8), slice(8, 10)))
+    every, rows = record["judged"], []
+    differ = [name for name, part in PARTS.items() if len({tuple(row["numbers"][part]) for row in every}) > 1]
+    for row in every:
         told = [f"{100 * row[where]['rolling']:.0f} %, {row[where]['speed']:.2f} m/s" for where in ("level", "bumps")]
-        both = [", ".join(f"{x + 0:.2f}" for x in numbers) for numbers in (gains, swings)]
-        rows.append([row["name"], *both, f"{larger:.2f}, {faster:.2f}", *told])
-    head = ["feedback", "gains", "swings, s", "factors of the gait's amplitude and frequency"]
-    return table([*head, "level ground", "bumps of 2 cm"], rows)
+        numbers = [", ".join(f"{x + 0:.2f}" for x in row["numbers"][PARTS[name]]) for name in differ]
+        rows.append([row["name"], *numbers, *told])
+    return table(["feedback", *differ, "level ground", "bumps of 2 cm"], rows)
 
 
 @tune.figure(4)

@@ -3,13 +3,11 @@
 from typing import Any, get_args
 
 from jaxgrity.cli.settings import CatalogueSettings
+from jaxgrity.core.display import aligned
 from jaxgrity.io.files import save_json
 from jaxgrity.io.structure_tables import CatalogueTable, RobotTable
 from jaxgrity.report import plot
 from jaxgrity.structures.geometry import RobotGeometry
-
-SHARED = ("mass", "node_mass", "fixed", "pose", "aligned", "height", "prestress")
-"""Keys of `[structure]` that every kind has, and which say nothing about its geometry."""
 
 
 def main(settings: CatalogueSettings) -> None:
@@ -18,14 +16,13 @@ def main(settings: CatalogueSettings) -> None:
     for table in get_args(CatalogueTable | RobotTable):
         kind, example = table.__struct_config__.tag, table()
         geometry = RobotGeometry(*example.geometry())
-        keys = {key: getattr(example, key) for key in table.__struct_fields__ if key not in SHARED}
-        entries.append(entry(kind, keys, geometry))
+        entries.append(entry(kind, example.own_keys(), geometry))
         structures[kind] = geometry
     if not settings.quick:
         for kind, geometry in structures.items():
             plot.save(plot.geometry_figure({kind: geometry}), settings.out / f"{kind}.png")
         plot.save(plot.geometry_figure(structures), settings.out / "catalogue.png")
-    print("\n".join(listed(entries)))
+    print(listed(entries))
     save_json(settings.out / "catalogue.json", {"structures": entries})
     print(f"wrote {settings.out}/")
 
@@ -42,12 +39,11 @@ def entry(kind: str, keys: dict[str, Any], geometry: RobotGeometry) -> dict[str,
     }
 
 
-def listed(entries: list[dict[str, Any]]) -> list[str]:
+def listed(entries: list[dict[str, Any]]) -> str:
     """The list: a line for each kind."""
     counts = ("nodes", "struts", "cables", "bodies")
     rows = [["kind", *counts, "keys of [structure], with their defaults"]]
     for found in entries:
         keys = ", ".join(f"{key} = {'-' if value is None else value}" for key, value in found["keys"].items())
         rows.append([*(str(found[name]) for name in ("kind", *counts)), keys])
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip() for row in rows]
+    return aligned(rows)

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxgrity.cli.settings import CompareSettings
-from jaxgrity.core.display import mean_of_robots, significant, with_error
+from jaxgrity.core.display import aligned, mean_of_robots, significant, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text, save_json
 from jaxgrity.report import plot
@@ -45,8 +45,8 @@ COLUMNS = {
 
 
 def unit(summary: dict[str, Any]) -> str:
-    """The unit of a search's objective."""
-    return find_objective(summary["objective"]).unit
+    """The unit of a search's objective; earlier versions left only its name."""
+    return summary["unit"] if "unit" in summary else find_objective(summary["objective"]).unit
 
 
 def main(settings: CompareSettings) -> None:
@@ -60,8 +60,7 @@ def main(settings: CompareSettings) -> None:
         own = flat(summary["settings"])
         chosen = [json.dumps(own[key]) if key in own else "-" for key in differ]
         rows.append([name, *chosen, *(column(summary) for column in COLUMNS.values())])
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    print("\n".join("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip() for row in rows))
+    print(aligned(rows))
     facts = [dict(zip(rows[0], row)) for row in rows[1:]]
     save_json(settings.out / "comparison.json", {**measured(), "runs": facts})
     plot.save(figure(runs), settings.out / "comparison.png")
@@ -107,18 +106,25 @@ def different_settings(runs: dict[str, dict[str, Any]]) -> list[str]:
     return [key for key in keys if any(key not in one or one[key] != every[0].get(key) for one in every)]
 
 
+def best_within(search: dict[str, Any]) -> np.ndarray:
+    """(generations,), fitness of the best gait; NaN where all exceed bounds, which earlier versions do not say."""
+    best = np.array(search["best"], float)
+    return np.where(np.array(search.get("within", np.ones(len(best)))) > 0, best, np.nan)
+
+
 @plot.styled
 def figure(runs: dict[str, dict[str, Any]]) -> Figure:
-    """Fitness by generation, and robust results with the spread of their robots."""
+    """Fitness by generation, with gaps where all gaits exceed bounds, and robust results with their robots' spread."""
     chart = Figure(figsize=(11, 4.5), layout="constrained")
     left, right = chart.subplots(1, 2)
     for k, (name, summary) in enumerate(runs.items()):
-        best = np.concatenate([search["best"] for search in summary["searches"]])
+        best = np.concatenate([best_within(search) for search in summary["searches"]])
         (line,) = left.plot(np.arange(1, len(best) + 1), best, label=name)
         robust = summary["robust"]
         right.errorbar(robust["mean"], k, xerr=robust["standard_deviation"], fmt="o", color=line.get_color(), capsize=4)
         right.plot(summary["other_contact_model"]["mean"], k, "x", color=line.get_color())
     left.set(xlabel="generation", ylabel="fitness of the best, by the draws that chose it")
+    left.set_title("gaps: all gaits beyond bounds", fontsize="medium")
     left.legend(fontsize="small")
     left.grid(alpha=0.3)
     right.set(yticks=range(len(runs)), yticklabels=[Path(name).name for name in runs], xlabel="robust objective")

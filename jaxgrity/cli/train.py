@@ -20,6 +20,7 @@ from jaxgrity.core.display import with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text, save_json, write_whole
 from jaxgrity.report import plot, view
+from jaxgrity.search.checkpoint import check_same_settings
 from jaxgrity.stepping.options import SolverOptions
 
 SAVED = 20
@@ -76,10 +77,7 @@ def earlier_curve(settings: TrainSettings) -> list[dict]:
         before, curve = saved["settings"], saved["curve"]
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{settings.out}: nothing to resume; expected an earlier run") from error
-    now = what_is_learned(settings)
-    differ = [f"{name} = {before.get(name)}, not {value}" for name, value in now.items() if before.get(name) != value]
-    if differ:
-        raise InputError(f"{settings.out}: its run has {', '.join(differ)}; expected the same to resume it")
+    check_same_settings(settings.out, before, what_is_learned(settings))
     return curve
 
 

@@ -16,7 +16,7 @@ from jaxgrity.control.steering import Steered, centre_offsets, clock_moved
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
-from jaxgrity.model.actuation import Gait, Overtone
+from jaxgrity.model.actuation import Gait, Overtone, check_robot
 from jaxgrity.model.structure import Structure
 from jaxgrity.model.symmetry import image, symmetries
 
@@ -117,14 +117,15 @@ def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: 
     An image that is the gait itself at another time is left out: a jump of the clock has the same effect. None of them
     has a start or a ramp, since a clock with another gait's angle would fall back into it.
 
-    Raises `InputError` without a gait, for one without feedback, of several frequencies or of none, and for gaits with
-    different members.
+    Raises `InputError` without a gait, for one without feedback, of several frequencies or of none, for one of another
+    robot, and for gaits with different members.
     """
     if not gaits or REST in gaits:
         raise InputError(f"gaits: {list(gaits)}; expected at least one, none of them called {REST!r}")
     for name, locked in gaits.items():
         if not isinstance(locked, PhaseLocked):
             raise InputError(f"gaits: {name!r} is a {type(locked).__name__}; expected feedback: PhaseLocked(gait)")
+        check_robot(locked.gait, structure)
     first = next(iter(gaits.values())).gait
     found: list[tuple[str, PhaseLocked]] = []
     harmonics = max(len(locked.gait.overtones) for locked in gaits.values())

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxgrity.control.plant import Plant, PlantState, actuate, begun, check_one, observe, plant_start, whole_state
 from jaxgrity.control.policies import Memory, Policy
-from jaxgrity.core.arguments import check_number
+from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
@@ -93,10 +93,19 @@ def roll_on(
     return jax.lax.scan(jax.checkpoint(tick), loop, length=ticks)
 
 
-@eqx.filter_jit
 @typed
 def drive(plant: Plant, policy: Policy, loop: Loop, ticks: int, samples: int = 1, *, each: bool = False) -> Drive:
-    """Roll on for `samples` times some control periods; the centre of mass is recorded after each."""
+    """Roll on for `samples` times some control periods; the centre of mass is recorded after each.
+
+    Raises `InputError` for numbers that are negative or not whole.
+    """
+    ticks, samples = check_count("ticks", ticks, 0), check_count("samples", samples, 0)
+    return _driven(plant, policy, loop, ticks, samples, each)
+
+
+@eqx.filter_jit
+def _driven(plant: Plant, policy: Policy, loop: Loop, ticks: int, samples: int, each: bool) -> Drive:
+    """`drive`, with numbers that are no arrays: those would be traced."""
 
     def sample(loop: Loop, _):
         loop, _ = roll_on(plant, policy, loop, ticks, lambda state: None, each=each)
@@ -119,8 +128,9 @@ def failures(plant: Plant, loop: Loop) -> AnyArray:
 def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
     """The robots' state as the start of some robots of a model for each of them, side by side.
 
-    The model takes over motion, motors, time and memory; its sensors begin anew. Where both methods are complementarity
-    stepping, the model's continues from the robots'; else it begins anew. For one robot `loop` has no axis of robots.
+    The model takes over motion, motors with their lengths and forces, time and memory; its sensors begin anew. Where
+    both methods are complementarity stepping, the model's continues from the robots'; else it begins anew. For one
+    robot `loop` has no axis of robots.
     """
     robots = loop.plant.motion[0].shape[2:]
 
@@ -129,13 +139,14 @@ def taken_over(model: Plant, loop: Loop, each: int) -> Loop:
         return jnp.repeat(x if robots else x[..., None], each, axis=-1)
 
     motion = jax.tree.map(spread, loop.plant.motion)
-    state = begun(model, loop.plant.key, motion)
+    state = begun(model, loop.plant.key, motion, loop.plant.tick, spread(loop.plant.contraction))
     last, own = loop.plant.solver, state.solver
     if isinstance(last, ImpulseState) and isinstance(own, ImpulseState):
         # velocities that lie half of the robots' last step before, and not at the time of the start
         taken = spread(jnp.broadcast_to(last.step_size, robots))
         state = state._replace(motion=motion, solver=own._replace(step_size=taken))
-    state = state._replace(tick=loop.plant.tick, contraction=spread(loop.plant.contraction))
+    if state.tension is not None and loop.plant.tension is not None:
+        state = state._replace(tension=spread(loop.plant.tension))
     return Loop(state, jax.tree.map(spread, loop.memory))
 
 

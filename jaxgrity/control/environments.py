@@ -26,6 +26,7 @@ from jaxgrity.control.plant import (
 from jaxgrity.control.sensors import Observation, Sensors
 from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, task_start
 from jaxgrity.core.arguments import check_key, check_number
+from jaxgrity.core.elementwise import rows_where
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
@@ -37,7 +38,8 @@ from jaxgrity.stepping.options import Options
 from jaxgrity.stepping.starts import check_start
 
 METRE_A_SECOND = MotorLimits(rate=1.0, stroke=0.5)
-"""Default limits of an environment's motors, m/s and share of a length: all gaits of the library fit in."""
+"""Default limits of an environment's motors, m/s and share of a length: the library's gaits fit in, but for "fast" and
+"uphill"."""
 
 
 ENDS = "", "reached", "failed", "late"
@@ -126,10 +128,10 @@ class Environment:
             raise InputError(f"action has shape {np.shape(action)}; expected ({self.action_size},), one a member")
         if not traced(action) and np.isnan(action).any():
             raise InputError(f"action = {np.asarray(action).tolist()}: expected numbers from -1 to 1, one a member")
-        old, aim, average, ended = state.pipeline_state
+        old, aim, remembered, ended = state.pipeline_state
         after = actuate(self.plant, old, self.commanded(jnp.asarray(action, self.plant.options.dtype)))
         before, place = (centre_of_mass(self.plant.scene, s.motion[0]) for s in (old, after))
-        progress, average = self.task.progressed(aim, before, place, self.plant.period, average)
+        progress, average = self.task.progressed(aim, before, place, self.plant.period, remembered)
         effort = jnp.mean(((after.contraction - old.contraction) / self.plant.period) ** 2)
         seen, after = observe(self.plant, after)
         obs = sensed(seen, self.task.wanted_direction(aim, seen.place))
@@ -142,7 +144,9 @@ class Environment:
         over = (state.done > 0) | (ended > 0)
         codes = [ENDS.index(name) for name in ("failed", "reached", "late")]
         now = jnp.select([failed, reached, late], codes, 0).astype(ended.dtype)
-        new = Situation(after, aim, average, now), jnp.where(failed, 0, obs)
+        # a task of one's own may compute in another precision
+        kept = Situation(after, aim, jnp.asarray(average, remembered.dtype), now)
+        new = kept, jnp.where(failed, 0, obs)
         situation, obs = jax.tree.map(partial(jnp.where, over), (state.pipeline_state, state.obs), new)
         counts = lambda x: jnp.where(failed | over, 0, x).astype(float)  # noqa: E731
         which = {name: (situation.ended == code).astype(float) for code, name in enumerate(ENDS)}
@@ -167,13 +171,11 @@ class Environment:
         episodes in front. Raises `InputError` where shapes differ.
         """
         over, episodes = jnp.asarray(over), np.shape(states.done)
-        if over.shape != episodes or np.shape(keys)[:1] != episodes:
+        if over.shape != episodes or np.shape(keys)[:1] != episodes or len(episodes) != 1:
             found = f"over, keys: shapes {over.shape} and {np.shape(keys)}"
-            raise InputError(f"{found}; expected one of each for the {episodes} states")
+            raise InputError(f"{found}; expected one of each for the {episodes} states, of many episodes")
         fresh = jax.lax.cond(over.any(), jax.vmap(self.reset), lambda _: states, keys)
-        return jax.tree.map(
-            lambda new, old: jnp.where(over.reshape(-1, *[1] * (old.ndim - 1)), new, old), fresh, states
-        )
+        return rows_where(over, fresh, states)
 
 
 def sensed(seen: Observation, direction: AnyArray) -> AnyArray:

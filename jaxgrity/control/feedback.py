@@ -12,7 +12,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float
-from jaxgrity.model.actuation import Gait, contraction
+from jaxgrity.model.actuation import Gait, check_robot, contraction
 from jaxgrity.model.scene import Scene
 
 SLOWEST, FASTEST = 0.0, 2.0
@@ -68,6 +68,7 @@ class PhaseLocked(Policy):
         return jnp.zeros(()), jnp.zeros(())
 
     def check(self, scene: Scene) -> None:
+        check_robot(self.gait, scene.structure)
         struts = scene.structure.struts
         if max(self.members) >= (0 if struts is None else len(struts.edges)):
             raise InputError(

@@ -145,8 +145,10 @@ class GymnasiumVectorEnvironment(gymnasium.vector.VectorEnv):
     def step(self, actions):
         """Of `actions` (num_envs, action_size): observations, rewards, terminations, truncations, and the metrics.
 
-        Raises Gymnasium's `ResetNeeded` before the first reset.
+        Raises Gymnasium's `ResetNeeded` before the first reset, and `InputError` for actions of another shape.
         """
+        if np.shape(actions) != self.action_space.shape:
+            raise InputError(f"actions have shape {np.shape(actions)}; expected {self.action_space.shape}")
         if self._state is None:
             raise gymnasium.error.ResetNeeded("step: expected a reset before it")
         self._state = self._step(self._state, jnp.asarray(actions), self._keys())

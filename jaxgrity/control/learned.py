@@ -22,6 +22,7 @@ from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import check_fields, typed
 from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float_or_none
 from jaxgrity.io.files import found_file, shipped, write_whole
+from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.simulate import Trajectory
 
 WIDEST = 5.0
@@ -251,11 +252,10 @@ def _episode(environment: Environment, policy: Acting, key: Any):
     plant, state = environment.plant, environment.reset(key)
     keep = lambda state: (frame(plant, state.pipeline_state.plant), state.done)  # noqa: E731
     end, kept = _run(environment, policy, state, keep)
-    return (
-        frame(plant, state.pipeline_state.plant),
-        kept,
-        (end.pipeline_state.ended == ENDS.index("failed")).astype(int),
-    )
+    # where the motion is fine, what was observed or rewarded is not finite
+    code = jnp.maximum(state_failure(plant.scene, *end.pipeline_state.plant.motion), 1)
+    failed = end.pipeline_state.ended == ENDS.index("failed")
+    return frame(plant, state.pipeline_state.plant), kept, jnp.where(failed, code, 0)
 
 
 @eqx.filter_jit

@@ -23,6 +23,7 @@ from jaxgrity.control.ppo import (
     with_observations,
 )
 from jaxgrity.core.arguments import check_count, check_key
+from jaxgrity.core.elementwise import rows_where
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
@@ -156,8 +157,7 @@ def _tries(environment: Environment, config: LearningConfig, now: Learner, key: 
         over = ended | (ages + 1 >= _longest(environment, config))
         likely = likelihood(middle, now.spread, action)
         told = Tried(states.obs, action, likely, rewards.mean(0).astype(jnp.float32), after.obs, ended, over)
-        anew = lambda new, old: jnp.where(over.reshape(-1, *[1] * (old.ndim - 1)), new, old)  # noqa: E731
-        return (jax.tree.map(anew, fresh, after), jnp.where(over, 0, ages + 1)), told
+        return (rows_where(over, fresh, after), jnp.where(over, 0, ages + 1)), told
 
     (states, ages), tried = jax.lax.scan(
         decide, (now.states, now.ages), jax.random.split(of_decisions, config.decisions)

@@ -105,10 +105,12 @@ def gap(discs: Discs, scene: Scene, q: np.ndarray) -> np.ndarray:
     A strut that touches the ground between its ends has the radius with which it does. A disc between the robot's
     members counts by its distance from those: nothing gets there without a touch.
     """
+    if np.shape(q)[-2:] != scene.structure.nodes.shape:
+        raise InputError(f"q has shape {np.shape(q)}; expected (..., {len(scene.structure.nodes)}, 3)")
     if not len(discs.radii):
         return np.full(q.shape[:-2], np.inf)
     structure, balls = scene.structure, None if scene.ground is None else scene.ground.balls
-    edges = [edge for kind in (structure.struts, structure.cables) if kind is not None for edge in kind.edges]
+    edges = [edge for members in structure.members for edge in members.edges]
     edges += lines_between_points(structure.bodies)
     if not edges:
         raise InputError("the robot has neither members nor bodies; expected some, to be kept from discs")

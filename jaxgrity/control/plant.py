@@ -21,7 +21,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, as_dtype, start_of, with_gait
-from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, last_axes, over_lanes, step_axes
+from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, last_axes, lift_over, over_lanes, step_axes
 from jaxgrity.populations.metrics import actuator_tension, check_told_apart
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.complementarity import Lift, one_robot
@@ -77,6 +77,15 @@ class Plant(eqx.Module):
         """The number of the method's steps in a control period."""
         assert self.options.dt is not None, "`plant_of` refuses a method that adapts its step"
         return max(1, int(np.ceil(self.period / self.options.dt - 1e-6)))
+
+
+def scenes_of(plant: Plant) -> list[Scene]:
+    """The scene of each robot."""
+    if plant.robots is None:
+        return [plant.scene]
+    axes, known = lane_axes(plant.scene), jax.tree.map(np.asarray, plant.scene)
+    alone = lambda k: jax.tree.map(lambda x, axis: x if axis is None else x[..., k], known, axes)  # noqa: E731
+    return [alone(k) for k in range(plant.robots)]
 
 
 def check_one(plant: Plant, where: str) -> None:
@@ -188,16 +197,22 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
     return begun(plant, key, possible(plant.scene, plant.lift, motion, one=plant.robots is None))
 
 
-def begun(plant: Plant, key: Any, motion: State) -> PlantState:
-    """The state at t = 0, from q and v in the midst of a motion."""
+def begun(plant: Plant, key: Any, motion: State, tick: Any = 0, contraction: AnyArray | None = None) -> PlantState:
+    """The state at the start of control period number `tick`, from q and v in the midst of a motion.
+
+    `contraction` is that of the motors, (actuators,); by default none.
+    """
     dtype = plant.options.dtype
     nothing = jnp.zeros((len(plant.members), *motion[0].shape[2:]), dtype)
     key, of_bias = jax.random.split(key)
-    scheme, step = discretise(plant.options, plant.lift), jnp.asarray(plant.period / plant.steps, dtype)
-    motion, first = carried_at(scheme, plant.scene, jnp.zeros((), dtype), step, motion)
-    motion = jnp.asarray(motion[0]), jnp.asarray(motion[1])
     tension = nothing if plant.motors.force is not None else None
-    state = PlantState(jnp.asarray(0), motion, first, nothing, tension, Readings(None, None), key)
+    reached = nothing if contraction is None else contraction
+    state = PlantState(jnp.asarray(tick), motion, None, reached, tension, Readings(None, None), key)
+    # forces in the midst of a motion are those of the lengths that were commanded, and of this time
+    scene = _commanded(plant, state, reached)
+    scheme, step = discretise(plant.options, _lift_of(plant, scene)), jnp.asarray(plant.period / plant.steps, dtype)
+    motion, first = carried_at(scheme, scene, jnp.asarray(state.tick * plant.period, dtype), step, motion)
+    state = state._replace(motion=(jnp.asarray(motion[0]), jnp.asarray(motion[1])), solver=first)
     if not plant.sensors.remember:
         return state
     return state._replace(readings=first_readings(plant.sensors, sense_now(plant, state), of_bias))
@@ -270,7 +285,4 @@ def _tension(plant: Plant, scene: Scene, step: Step) -> AnyArray:
 
 
 def _lift_of(plant: Plant, scene: Scene) -> Lift:
-    if plant.robots is None:
-        return one_robot
-    axes = lane_axes(scene)
-    return lambda function, in_axes: over_lanes(function, tuple(axes if a == "s" else a for a in in_axes))
+    return one_robot if plant.robots is None else lift_over(lane_axes(scene))

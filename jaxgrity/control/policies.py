@@ -8,7 +8,7 @@ import equinox as eqx
 from jaxgrity.control.sensors import Observation
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import PerActuator, Scalar
-from jaxgrity.model.actuation import Gait, contraction
+from jaxgrity.model.actuation import Gait, check_robot, contraction
 from jaxgrity.model.scene import Scene
 
 Memory = Any
@@ -64,6 +64,9 @@ class OpenLoop(Policy):
 
     def first(self) -> Memory:
         return ()
+
+    def check(self, scene: Scene) -> None:
+        check_robot(self.gait, scene.structure)
 
     def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
         return contraction(self.gait, t), memory

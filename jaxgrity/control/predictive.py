@@ -17,7 +17,7 @@ from jaxgrity.control.choices import Choices, GaitChoices, choices_of
 from jaxgrity.control.closed_loop import Loop, loop_start
 from jaxgrity.control.learned import Deployed
 from jaxgrity.control.obstacles import SAME_REACH, StraightWay, Way, WayMap, gap, reach_of
-from jaxgrity.control.plant import Plant, check_model, check_one, side_by_side, whole_number
+from jaxgrity.control.plant import Plant, check_model, check_one, scenes_of, side_by_side, whole_number
 from jaxgrity.control.samples import Sampled, Sampling, best, between, followed, shifted, sized
 from jaxgrity.control.steering import Steered
 from jaxgrity.core.arguments import check_index, is_count
@@ -94,8 +94,9 @@ def lead_to(
             heading. Times that are no multiples of each other.
     """
     choices = choices_of(policy)
-    ways, sampling = _ways(robot, goal), sized(sampling, model.scene)
-    count = _checked(robot, model, choices, ways, sampling)
+    ways, sampling = _ways(robot, goal), sized(sampling, robot.scene)
+    scenes = scenes_of(robot)
+    count = _checked(robot, model, choices, ways, sampling, max(map(reach_of, scenes)))
     draw, many = np.random.default_rng(sampling.seed), _trying(model, len(ways), sampling)
     gaits, knots = np.zeros(len(ways), int), np.full((sampling.knots, len(ways)), choices.bend)
     first, key = choices.chosen(_own(robot, gaits), _own(robot, knots[0])), jax.random.key(sampling.seed)
@@ -115,7 +116,7 @@ def lead_to(
         if over.all():
             break
     nodes, path = (np.concatenate(part) for part in zip(*frames))
-    reached, arrived, gaps = arrivals(model.scene, nodes, path, ways, sampling)
+    reached, arrived, gaps = arrivals(scenes, nodes, path, ways, sampling)
     end, real_time = arrived.max() + 1, sampling.interval / float(np.median(spent[1:] or spent))
     found = nodes[:end], path[:end], reached, arrived, arrived * robot.period, gaps, *map(np.array, zip(*said))
     return Journey._make([*(_own(robot, x) for x in found), np.array(spent), real_time])
@@ -143,9 +144,9 @@ def _ways(robot: Plant, goal: Any) -> list[Way]:
     return ways
 
 
-def _checked(robot: Plant, model: Plant, choices: Choices, ways: list[Way], sampling: Sampling) -> int:
+def _checked(robot: Plant, model: Plant, choices: Choices, ways: list[Way], sampling: Sampling, reach: float) -> int:
     """The number of choices. Raises `InputError` for another model than the robot's, and for settings that make no
-    sense, or do not fit maps or times."""
+    sense, or do not fit maps, times or the robots' `reach`, m."""
     check_model(robot, model)
     check_one(model, "model")
     check_index("seed", sampling.seed)
@@ -165,10 +166,10 @@ def _checked(robot: Plant, model: Plant, choices: Choices, ways: list[Way], samp
     within, margin = cast(float, sampling.within), cast(float, sampling.margin)
     if not (0 < within < np.inf and np.isfinite(margin)):
         raise InputError(f"within, margin = {within:g}, {margin:g} m: expected finite numbers, the first above 0")
-    least, needed = min((way.reach for way in ways if len(way.discs.radii)), default=np.inf), reach_of(model.scene)
-    if least + min(margin, 0) < needed * (1 - SAME_REACH):
+    least = min((way.reach for way in ways if len(way.discs.radii)), default=np.inf)
+    if least + min(margin, 0) < reach * (1 - SAME_REACH):
         found = f"maps: made for a reach of {least:g} m, margin = {margin:g} m"
-        raise InputError(f"{found}; expected at least {needed:.3g} m in all, as the robot has")
+        raise InputError(f"{found}; expected at least {reach:.3g} m in all, as the robot has")
     whole_number("1 / per_second", 1 / sampling.per_second, model.period)
     whole_number("interval", sampling.interval, model.period)
     whole_number("horizon", sampling.horizon, 1 / sampling.per_second)
@@ -187,8 +188,8 @@ def _trying(model: Plant, robots: int, sampling: Sampling) -> Plant:
 
 
 def _moved(robot: Plant, choices: Choices, loop: Loop, before: np.ndarray, chosen: Sampled, sampling: Sampling):
-    """The loop at the next choice; nodes and centres of mass from this one on, (frames, ..., robots), NaN for robots
-    that fail."""
+    """The loop at the next choice; nodes and centres of mass from this one on, (frames, ..., robots), NaN after it for
+    robots that fail."""
     clocks = (_own(robot, x) for x in choices.clocks(before, chosen.gaits, chosen.turns))
     loop = loop._replace(memory=choices.moved(loop.memory, *clocks))
     ticks, look = (round(seconds / robot.period) for seconds in (sampling.interval, 1 / sampling.per_second))
@@ -196,7 +197,7 @@ def _moved(robot: Plant, choices: Choices, loop: Loop, before: np.ndarray, chose
     bends = (between(sampling) @ chosen.knots)[np.arange(0, ticks, held) // look]
     loop, *seen, failed = followed(robot, choices, _own(robot, chosen.gaits), loop, _own(robot, bends), held)
     lanes = [np.asarray(x) if robot.robots is not None else np.asarray(x)[..., None] for x in seen]
-    return loop, [np.where(failed, np.nan, x) for x in lanes]
+    return loop, [np.concatenate([x[:1], np.where(failed, np.nan, x[1:])]) for x in lanes]
 
 
 def _told(path: np.ndarray, place: np.ndarray, sampling: Sampling) -> tuple[np.ndarray, np.ndarray]:
@@ -214,7 +215,7 @@ def _near(path: np.ndarray, ways: list[Way], sampling: Sampling) -> np.ndarray:
     return np.linalg.norm(path[:, :2] - goals, axis=1) < cast(float, sampling.within)
 
 
-def arrivals(scene: Scene, nodes: np.ndarray, path: np.ndarray, ways: list[Way], sampling: Sampling):
+def arrivals(scenes: list[Scene], nodes: np.ndarray, path: np.ndarray, ways: list[Way], sampling: Sampling):
     """Whether each robot reached its goal, the frame in which its journey was over, and the smallest gap until then, m.
 
     `nodes` (frames, nodes, 3, robots) and `path` (frames, 3, robots), m, are NaN after a failure. A goal counts if it
@@ -223,5 +224,6 @@ def arrivals(scene: Scene, nodes: np.ndarray, path: np.ndarray, ways: list[Way],
     near, fine = _near(path, ways, sampling), np.isfinite(nodes).all((1, 2))
     there = near & np.logical_and.accumulate(fine, axis=0)
     ended = np.where(there.any(0), there.argmax(0), np.where(fine.all(0), len(nodes) - 1, (~fine).argmax(0)))
-    gaps = [np.nanmin(gap(way.discs, scene, nodes[: end + 1, ..., k])) for k, (way, end) in enumerate(zip(ways, ended))]
+    each = enumerate(zip(ways, scenes, ended))
+    gaps = [np.nanmin(gap(way.discs, scene, nodes[: end + 1, ..., k])) for k, (way, scene, end) in each]
     return there.any(0) & (np.array(gaps) > 0), ended, np.array(gaps)

@@ -16,7 +16,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, inverse, length, scale
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors, Scalar
-from jaxgrity.model.actuation import contraction
+from jaxgrity.model.actuation import Actuation, contraction
 from jaxgrity.model.pulleys import path_lengths
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
@@ -41,7 +41,8 @@ class Observation(NamedTuple):
     place: Float[AnyArray, "3"]
     """m, of the centre of mass, as a camera above the ground or a radio beacon tells it"""
     contraction: Float[AnyArray, " actuators"]
-    """fraction by which each actuated member is shortened, as the encoders of its motors tell it"""
+    """fraction by which each actuated member is shortened, as the encoders of its motors tell it: not where it is
+    stuck"""
 
 
 class Errors(NamedTuple):
@@ -125,8 +126,17 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
         tensions = member_tensions(scene, t, q)["cables"]
     if scene.ground is not None:
         contact = (scene.ground.signed_distance(q) < scene.ground.touched_below * length_scale(scene)).astype(q.dtype)
-    shortened = nothing[:, 0] if scene.gait is None else contraction(scene.gait, t)
+    shortened = nothing[:, 0] if scene.gait is None else _shortened(scene, scene.gait, t)
     return Observation(directions, spins, lengths, tensions, contact, centre_of_mass(scene, q), shortened)
+
+
+def _shortened(scene: Scene, gait: Actuation, t: Scalar) -> AnyArray:
+    """(actuators,), fraction by which each member of the gait is shortened; 0 of those that are stuck."""
+    structure, found = scene.structure, contraction(gait, t)
+    kinds = ((structure.struts, 0), (structure.cables, structure.first_cable))
+    stuck = {first + k for members, first in kinds if members is not None for k in members.stuck}
+    works = np.array([k not in stuck for k in gait.members])
+    return found if works.all() else found * works.astype(found.dtype)
 
 
 def turning_pairs(structure: Structure) -> Edges:

@@ -1,6 +1,7 @@
 """Tasks: reward, ground and starts."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.arguments import check_key, check_number
-from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.height_fields import bumps
@@ -64,7 +65,9 @@ class Task(NamedTuple):
         if self.towards == "goal":
             way = aim - place[:2]
             return way / jnp.sqrt(jnp.sum(way * way) + (NEARBY * self.reached) ** 2)
-        return jnp.array([-1.0 if self.towards == "uphill" else 0.0, 0.0], place.dtype)
+        # a ground with a negative incline falls towards -x
+        up = -np.copysign(1.0, self.incline) if self.towards == "uphill" else 0.0
+        return jnp.array([up, 0.0], place.dtype)
 
     @typed
     def progressed(
@@ -97,7 +100,7 @@ def find_task(task: str | Task, scene: Scene) -> Task:
     """The task of that name, scaled to the scene's robot; a task of your own as it is.
 
     Raises `InputError` for an unknown name, and for a task of your own whose direction is none, or whose numbers are
-    negative, or with nothing `averaged` or `reached`.
+    negative, or with nothing `averaged` or `reached`. Its functions are tried on shapes alone.
     """
     if isinstance(task, Task):
         if task.towards not in TOWARDS:
@@ -106,12 +109,18 @@ def find_task(task: str | Task, scene: Scene) -> Task:
         for name in ("bumps", "distance"):
             check_number(f"task.{name}", getattr(task, name), least=0.0, unit="m")
         check_number("task.reached", task.reached, above=0.0, unit="m")
-        found = jax.eval_shape(task.wanted_direction, jnp.zeros(2), jnp.zeros(3))
+        aim, place = jnp.zeros(2), jnp.zeros(3)
+        found = _tried(task, "wanted_direction", task.wanted_direction, aim, place)
         if getattr(found, "shape", None) != (2,):
             raise InputError(f"{type(task).__name__}.wanted_direction: returns {found}; expected shape (2,), x and y")
+        found = _tried(
+            task, "progressed", lambda *x: task.progressed(x[0], x[1], x[2], 0.01, x[3]), aim, place, place, aim
+        )
+        if not isinstance(found, tuple) or [getattr(x, "shape", None) for x in found] != [(), (2,)]:
+            expected = "a number, and two to remember, of shape (2,)"
+            raise InputError(f"{type(task).__name__}.progressed: returns {found}; expected {expected}")
         return task
-    if task not in TASKS:
-        raise InputError(f"task = {task!r}: {unknown(task, TASKS)}; expected one of {', '.join(TASKS)}")
+    check_known("task", task, TASKS)
     named, size = TASKS[task], float(length_scale(scene))
     return named._replace(
         bumps=size * named.bumps,
@@ -119,6 +128,15 @@ def find_task(task: str | Task, scene: Scene) -> Task:
         reached=size * named.reached,
         averaged=float(time_scale(scene)) * named.averaged,
     )
+
+
+def _tried(task: Task, name: str, function: Callable, *given: AnyArray) -> Any:
+    """The shapes of what a task's function returns. Raises `InputError` with what went wrong in it."""
+    try:
+        return jax.eval_shape(function, *given)
+    except Exception as error:
+        what = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
+        raise InputError(f"{type(task).__name__}.{name}: {what}; expected a function as `Task.{name}`") from error
 
 
 @typed
@@ -137,6 +155,9 @@ def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
     ground, size = scene.ground, float(length_scale(scene))
     if ground is None:
         raise InputError("this scene has no ground to roll on; expected [ground]")
+    if task.towards == "uphill" and not task.incline and ground.incline < 0:
+        found = f"ground.incline = {ground.incline:g}: it rises towards +x"
+        raise InputError(f"{found}; expected a level plane, and this incline as that of the task that leads uphill")
     if task.incline or task.bumps:
         if ground.surface is not None or float(ground.incline) != 0 or scene.up is not None:
             raise InputError("ground: this task brings its own; expected a scene on a level plane")
@@ -156,23 +177,25 @@ def task_start(task: Task, scene: Scene, key: Any) -> State:
     """A start, q and v, drawn by `key`, in a random orientation: at rest just above the ground, or falling from the
     air.
 
-    A robot with supports starts as it is posed. The same key draws the same start in every precision. Raises
-    `InputError` if `key` is no random key.
+    Its centre of mass starts above the same place as in the scene. A robot with supports starts as it is posed. The
+    same key draws the same start in every precision. Raises `InputError` if `key` is no random key.
     """
     check_key(key)
     turns, heights, speeds, spins = jax.random.split(key, 4)
     q = jnp.asarray(scene.structure.nodes)
     if scene.structure.fixed:
         return q, jnp.zeros_like(q)
-    body = (q - centre_of_mass(scene, q)) @ _any_turn(_normal(turns, 4).astype(q.dtype)).T
+    centre = centre_of_mass(scene, q)
+    body = (q - centre) @ _any_turn(_normal(turns, 4).astype(q.dtype)).T
+    there = body + centre * jnp.array([1.0, 1.0, 0.0], q.dtype)
     size = length_scale(scene)
     assert scene.ground is not None, "`ground_of` refuses a scene without a ground"
     if not task.fallen:
-        return set_above(scene, body, CLEAR * size), jnp.zeros_like(q)
+        return set_above(scene, there, CLEAR * size), jnp.zeros_like(q)
     falls = DROP[0] * speed_scale(scene), DROP[1] / time_scale(scene)
     speed, spin = (each * _normal(k, 3).astype(q.dtype) for each, k in zip(falls, (speeds, spins)))
     height = size * (CLEAR + jax.random.uniform(heights, (), jnp.float32).astype(q.dtype))
-    return set_above(scene, body, height), speed + jnp.cross(spin, body)
+    return set_above(scene, there, height), speed + jnp.cross(spin, body)
 
 
 def _normal(key: Any, count: int) -> AnyArray:

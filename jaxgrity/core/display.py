@@ -1,7 +1,7 @@
 """Numbers with their errors in words, and the display of the lower layers' classes in notebooks."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -79,6 +79,12 @@ def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str
         return f"{significant(robots[mean])} {unit}".rstrip() + (f" ({lost})" if failed else "")
     known = with_error(robots[mean], None if error is None else COVERING * error, f" {unit}".rstrip())
     return f"{known} (standard deviation {deviation:.2g}{f'; {lost}' if failed else ''})"
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """A table in words: a line for each row, with columns that begin one below the other."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return "\n".join("  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths)).rstrip() for row in rows)
 
 
 def counted_robots(count: int) -> str:

@@ -6,6 +6,7 @@ axis, and move it to the front (see `primitives.py`).
 
 import math
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -119,6 +120,11 @@ def _sine_near_zero(y: Numbers) -> Numbers:
     for k in range(last - 1, 0, -1):
         found = (found + (-1) ** k / math.factorial(2 * k + 1)) * square
     return y + found * y
+
+
+def rows_where(which: AnyArray, new: Any, old: Any) -> Any:
+    """The tree whose arrays have the rows of `new` where `which`, (rows,), is true, and those of `old` elsewhere."""
+    return jax.tree.map(lambda x, y: jnp.where(which.reshape(-1, *[1] * (x.ndim - 1)), x, y), new, old)
 
 
 @jax.custom_jvp

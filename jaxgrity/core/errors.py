@@ -12,3 +12,9 @@ def unknown(name: str, known: Iterable[str]) -> str:
     """The word "unknown" for a message, with the known name closest to `name`, if one is close."""
     nearest = difflib.get_close_matches(name, list(known), n=1)
     return f"unknown; perhaps you meant {nearest[0]}" if nearest else "unknown"
+
+
+def check_known(what: str, name: str, known: Iterable[str]) -> None:
+    """Raise `InputError` for a name that is none of the known ones."""
+    if name not in known:
+        raise InputError(f"{what} = {name!r}: {unknown(name, known)}; expected one of {', '.join(known)}")

@@ -86,7 +86,7 @@ def _fits(value: Any, kinds: tuple[type, ...]) -> bool:
     if isinstance(value, kinds):
         return True
     number = any(kind in (float, int, bool) for kind in kinds) and hasattr(value, "__float__")
-    if isinstance(value, float) and int in kinds and float not in kinds and not value.is_integer():
+    if isinstance(value, float | np.floating) and int in kinds and float not in kinds and not value.is_integer():
         return False
     return number or (Path in kinds and isinstance(value, os.PathLike))
 

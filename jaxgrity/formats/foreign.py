@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text
+from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
 
@@ -109,6 +110,16 @@ def short(value: Any) -> str:
     """A value as errors show it."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def cone_of(each: np.ndarray) -> ConeFriction:
+    """Friction with a coefficient for each node; with a single one where all are equal."""
+    return ConeFriction(each[0] if np.all(each == each[0]) else each)
+
+
+def some_of(names: Sequence[str]) -> str:
+    """The first five names."""
+    return ", ".join(names[:5]) + "..." * (len(names) > 5)
 
 
 def add_element(parent: ElementTree.Element, tag: str, **given: Any) -> ElementTree.Element:

@@ -10,6 +10,7 @@ from scipy.optimize import nnls
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges, Supports
 from jaxgrity.formats.mjcf_joints import Shared, outer_joints, own_nodes, points_of
+from jaxgrity.formats.mjcf_losses import name_of
 from jaxgrity.model.bodies import Bodies, Body, rigid_body
 from jaxgrity.model.structure import Members, edge_lengths
 
@@ -32,7 +33,7 @@ def carried(
     fixed = [(node, "xyz") for node in points_of(shared, 0)]
     for body in sorted({*carrier.tolist(), *(body for each in shared for body in each.bodies)}):
         own = own_nodes(carrier, shared, body) if body else np.flatnonzero(carrier == 0)
-        name = _name(model, body)
+        name = name_of(model, "body", body)
         joints = outer_joints(model, body)
         kinds = model.jnt_type[joints]
         if body == 0:
@@ -63,7 +64,8 @@ def rigid_bodies(
     found = {body for each in shared for body in each.bodies if body}
     for body in found:
         if len(own_nodes(at[1], shared, body)) < 2:
-            raise InputError(f"body {_name(model, body)}: has a joint and no site; expected sites that say where it is")
+            name = name_of(model, "body", body)
+            raise InputError(f"body {name}: has a joint and no site; expected sites that say where it is")
     counted = np.unique(at[1], return_counts=True)
     for body, count in zip(*(each.tolist() for each in counted)):
         if is_free(model, body) and (
@@ -82,7 +84,7 @@ def is_free(model: Any, body: int) -> bool:
 def _is_rod(model: Any, data: Any, body: int, at: tuple[np.ndarray, np.ndarray]) -> bool:
     """Whether point masses and a thin rod are as hard to turn."""
     try:
-        _as_rods(inertia_of(model, data, body), _name(model, body), np.flatnonzero(at[1] == body), at[0], [])
+        _as_rods(inertia_of(model, data, body), name_of(model, "body", body), np.flatnonzero(at[1] == body), at[0], [])
     except InputError:
         return False
     return True
@@ -96,10 +98,6 @@ def _as_body(
         return rigid_body(x, own.tolist(), total, np.trace(second) * np.eye(3) - second, centre, basic)
     except InputError as error:
         raise InputError(f"body {name}: {str(error).removeprefix('rigid_body: ')}") from error
-
-
-def _name(model: Any, body: int) -> str:
-    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or str(body)
 
 
 def _held(axes: np.ndarray, name: str) -> str:

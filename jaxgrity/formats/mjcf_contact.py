@@ -7,8 +7,16 @@ import numpy as np
 from scipy.optimize import nnls
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.formats.foreign import Losses
-from jaxgrity.formats.mjcf_losses import SMALL, check_spring, name_of, watched
+from jaxgrity.formats.foreign import Losses, cone_of
+from jaxgrity.formats.mjcf_losses import (
+    SMALL,
+    check_spring,
+    largest_first,
+    lose_beside_sites,
+    lose_rims,
+    name_of,
+    watched,
+)
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
 
@@ -67,8 +75,7 @@ def touched_plane(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, los
     losses.note("contact is between nodes and the plane; it is exact, where MuJoCo's is soft")
     highest = max((m for _, m in at.values()), default=0.0)
     each = np.array([at[k][1] if k in at else highest for k in range(len(x))])
-    friction = ConeFriction(highest) if np.all(each == highest) else ConeFriction(each)
-    return GroundFound(ExactGround(float(np.arctan2(n[0], n[2]))), friction, lift)
+    return GroundFound(ExactGround(float(np.arctan2(n[0], n[2]))), cone_of(each), lift)
 
 
 def what_touches(model: Any, data: Any, size: float, losses: Losses) -> tuple[int | None, np.ndarray, list[Touching]]:
@@ -172,8 +179,7 @@ def _at_nodes(
 ) -> dict[int, tuple[float, float]]:
     """Radius and mu at each node that is the centre of a ball: those of the largest one."""
     found: dict[int, tuple[float, float]] = {}
-    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
-    for ball in sorted(balls, key=lambda ball: (model.geom_type[ball.geom] == cylinder, -ball.radius)):
+    for ball in largest_first(model, balls):
         own = np.flatnonzero(carrier == ball.body)
         if not len(own):
             continue
@@ -188,9 +194,7 @@ def _at_nodes(
                 found[node] = (radius, max(mu, ball.mu))
             if ball.radius <= radius + within:
                 continue
-        if model.geom_type[ball.geom] == cylinder:
-            name = name_of(model, "geom", ball.geom)
-            losses.lose("radius", f"geom {name}: the rims of a cylinder of {ball.radius:g} m touch the plane")
+        lose_rims(model, ball.geom, ball.radius, losses)
         found[node] = (ball.radius, ball.mu)
     return found
 
@@ -218,8 +222,7 @@ def _only_nodes(
     for ball in balls:
         inside = ball.radius <= radius + within and is_within(corners.get(ball.body), ball.centre, within)
         if not inside:
-            name, place = name_of(model, "geom", ball.geom), ball.centre.round(4).tolist()
-            losses.lose("contact", f"geom {name} touches the plane about {place} m, where its body has no site")
+            lose_beside_sites(model, ball.geom, ball.centre, losses)
     for node in np.flatnonzero(carrier != -1):
         if not is_within(corners[int(carrier[node])], x[node], within):
             name, place = name_of(model, "body", int(carrier[node])), x[node].round(4).tolist()

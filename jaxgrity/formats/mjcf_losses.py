@@ -128,6 +128,28 @@ def check_spring(model: Any, geom: int, spring: list[np.ndarray], deep: float, l
         losses.lose("contact", f"{name}: its weight presses it some {sinks:.1g} m into the plane (solref, solimp)")
 
 
+def lose_beside_sites(model: Any, geom: int, centre: np.ndarray, losses: Losses) -> None:
+    """Loses what touches the plane about its `centre`, m, where no node is."""
+    name, place = name_of(model, "geom", geom), centre.round(4).tolist()
+    losses.lose("contact", f"geom {name} touches the plane about {place} m, where its body has no site")
+
+
+def lose_rims(model: Any, geom: int, radius: float, losses: Losses) -> None:
+    """Loses the rims of a geom that is a cylinder."""
+    if _is_cylinder(model, geom):
+        name = name_of(model, "geom", geom)
+        losses.lose("radius", f"geom {name}: the rims of a cylinder of {radius:g} m touch the plane")
+
+
+def largest_first(model: Any, balls: list[Any]) -> list[Any]:
+    """Balls of geoms by their radii; rims of cylinders come last."""
+    return sorted(balls, key=lambda ball: (_is_cylinder(model, ball.geom), -ball.radius))
+
+
+def _is_cylinder(model: Any, geom: int) -> bool:
+    return bool(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER)
+
+
 def _rebound(ratio: float) -> float:
     """The share of its speed with which a mass leaves a damped spring that pushes and does not pull.
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges
-from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses
+from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, some_of
 from jaxgrity.formats.mjcf_bodies import carried, is_free, rigid_bodies, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
 from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, outer_joints, shared_nodes
@@ -151,8 +151,8 @@ def _note_left_out(model: Any, carrier: np.ndarray, losses: Losses) -> None:
     """Bodies that move, and to which no tendon or joint leads."""
     moving = set(model.body_weldid[model.body_mocapid[model.body_weldid] < 0].tolist()) - {0}
     if alone := sorted(moving - set(carrier.tolist())):
-        names = ", ".join(name_of(model, "body", body) for body in alone[:5])
-        losses.note(f"{len(alone)} bodies that no tendon moves are left out: {names}{'...' * (len(alone) > 5)}")
+        names = some_of([name_of(model, "body", body) for body in alone])
+        losses.note(f"{len(alone)} bodies that no tendon moves are left out: {names}")
 
 
 def _number(model: Any, site: int) -> int:

@@ -2,30 +2,21 @@
 
 from typing import Any
 
-import lazy_loader
 import numpy as np
 
 from jaxgrity.formats.compounds import spanning_points
-from jaxgrity.formats.foreign import Losses
+from jaxgrity.formats.foreign import Losses, cone_of
 from jaxgrity.formats.mjcf_bodies import inertia_of
 from jaxgrity.formats.mjcf_contact import SAME_PLACE, GroundFound, Touching, is_within, lift_of, what_touches
 from jaxgrity.formats.mjcf_joints import Shared, own_nodes
-from jaxgrity.formats.mjcf_losses import name_of
+from jaxgrity.formats.mjcf_losses import largest_first, lose_beside_sites, lose_rims
 from jaxgrity.model.balls import Balls
 from jaxgrity.model.bodies import FLAT
-from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
-
-mujoco: Any = lazy_loader.load("mujoco")
 
 
 def touched_by_balls(
-    model: Any,
-    data: Any,
-    at: tuple[np.ndarray, np.ndarray],
-    shared: list[Shared],
-    many: list[int],
-    losses: Losses,
+    model: Any, data: Any, at: tuple[np.ndarray, np.ndarray], shared: list[Shared], many: list[int], losses: Losses
 ) -> GroundFound:
     """The plane, for the nodes and bodies `at`, of which `many` become rigid bodies: balls with radii of their own.
 
@@ -42,8 +33,7 @@ def touched_by_balls(
         node = int(own[np.argmin(np.linalg.norm(x[own] - ball.centre, axis=1))])
         if np.linalg.norm(x[node] - ball.centre) > within:
             if ball.body not in many:
-                name, place = name_of(model, "geom", ball.geom), ball.centre.round(4).tolist()
-                losses.lose("contact", f"geom {name} touches the plane about {place} m, where its body has no site")
+                lose_beside_sites(model, ball.geom, ball.centre, losses)
                 continue
             node, x, carrier = len(x), np.r_[x, ball.centre[None]], np.r_[carrier, ball.body]
         found[node] = ball
@@ -62,21 +52,17 @@ def touched_by_balls(
     losses.note("contact is exact, where MuJoCo's is soft")
     each = np.full(len(x), max(ball.mu for ball in found.values()))
     each[list(found)] = [ball.mu for ball in found.values()]
-    friction = ConeFriction(each[0]) if np.all(each == each[0]) else ConeFriction(each)
     ground = ExactGround(float(np.arctan2(n[0], n[2])), balls=Balls(tuple(found), radius))
-    return GroundFound(ground, friction, lift, **added)
+    return GroundFound(ground, cone_of(each), lift, **added)
 
 
 def _outermost(model: Any, balls: list[Touching], within: float, losses: Losses) -> list[Touching]:
     """The balls that no others of their bodies enclose."""
     kept: list[Touching] = []
-    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
-    for ball in sorted(balls, key=lambda ball: (model.geom_type[ball.geom] == cylinder, -ball.radius)):
+    for ball in largest_first(model, balls):
         larger = [k.centre for k in kept if k.body == ball.body and k.radius >= ball.radius - within]
         if larger and is_within(np.array(larger), ball.centre, within):
             continue
-        if model.geom_type[ball.geom] == cylinder:
-            name = name_of(model, "geom", ball.geom)
-            losses.lose("radius", f"geom {name}: the rims of a cylinder of {ball.radius:g} m touch the plane")
+        lose_rims(model, ball.geom, ball.radius, losses)
         kept.append(ball)
     return kept

@@ -6,7 +6,7 @@ import lazy_loader
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.formats.foreign import Losses
+from jaxgrity.formats.foreign import Losses, some_of
 from jaxgrity.formats.mjcf_losses import name_of
 
 mujoco: Any = lazy_loader.load("mujoco")
@@ -60,8 +60,7 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
     if not found:
         raise InputError("no tendon has a spring, nor an actuator that is one; expected some that pull at control 0")
     if idle:
-        names = f"{', '.join(idle[:5])}{'...' * (len(idle) > 5)}"
-        losses.note(f"{len(idle)} tendons without a spring are left out: {names}")
+        losses.note(f"{len(idle)} tendons without a spring are left out: {some_of(idle)}")
     if any(spring.kind == "cable" and spring.damping for spring in found):
         losses.note("the damping of tendons acts there while they are slack, too; here while they pull")
     return found
@@ -95,8 +94,7 @@ def _actuators(model: Any, data: Any, losses: Losses) -> dict[int, Driven]:
         found[tendon] = spring
         _beside(model, data, a, name, losses)
     if still:
-        names = f"{', '.join(still[:5])}{'...' * (len(still) > 5)}"
-        losses.note(f"{len(still)} actuators have no force at control 0, and are left out: {names}")
+        losses.note(f"{len(still)} actuators have no force at control 0, and are left out: {some_of(still)}")
     if found:
         losses.note(f"{len(found)} actuators are springs whose rest length their control changes; the gait is not read")
     return found

@@ -247,8 +247,8 @@ def _drag_on_bodies(root: ElementTree.Element, drag: dict[int, float]) -> None:
 def _safe_step(plan: Plan, links: list[Link]) -> float:
     """s: an eighth of the period of the stiffest node or body, with all springs of a node along each direction."""
     x, pull, structure = np.asarray(plan.structure.nodes, float), np.zeros(len(plan.node_mass)), plan.structure
-    for members in (structure.struts, structure.cables):
-        if members is None or members.stiffness is None:
+    for members in structure.members:
+        if members.stiffness is None:
             continue
         for k, edge in enumerate(members.edges):
             pull[list(edge)] += 0.0 if members is structure.struts and k in plan.rigid else members.stiffness[k]

@@ -108,7 +108,9 @@ class Assembly:
             for group in _bond_groups(table(root.get("bond_groups"), "bond_groups")):
                 self._add_bonds(part, *group)
         except InputError as error:
-            raise error if str(error).startswith(f"{path}: ") else _in_file(path, error, lines) from error
+            if str(error).startswith(f"{path}: "):
+                raise
+            raise InputError(f"{path}: {with_line(str(error), lines)}") from error
         return part
 
     def _add_builders(self, builders: dict[str, Any]) -> None:
@@ -254,10 +256,6 @@ def _named(found: dict[str, Any], name: str) -> Any:
     if name in found:
         return found[name]
     return next((each for key, each in found.items() if set(name.split()) <= set(key.split())), None)
-
-
-def _in_file(path: Path, error: InputError, lines: dict[str, int]) -> InputError:
-    return InputError(f"{path}: {with_line(str(error), lines)}")
 
 
 def table(value: Any, where: str, known: tuple[str, ...] | None = None) -> dict[str, Any]:

@@ -61,7 +61,7 @@ def save_tables(scene: Scene, path: str | Path) -> tuple[str, ...]:
             rows.append([kind, *map(str, edge), *(cell(column, k) for column in columns)])
     for place, head, content in zip(table_paths(path), (NODES, MEMBERS), (nodes, rows)):
         save_rows(place, head, content)
-    stuck = any(m is not None and m.stuck for m in (structure.struts, structure.cables))
+    stuck = any(m.stuck for m in structure.members)
     return (*beside_the_structure(scene), *(["members that are stuck are written as others"] if stuck else []))
 
 

@@ -154,7 +154,7 @@ def _descended(problem: Weighted, at: Point, tolerance: float, most: int) -> Fou
     """
     damping, steps = FIRST_DAMPING, 0
     while True:
-        curvature, slope = _normal_equations(at)
+        curvature, slope = at.J.T @ at.J + np.eye(len(at.y)), at.J.T @ at.r + at.y
         full = scipy.linalg.solve(curvature, slope, assume_a="pos")
         # what a full step would gain by the linear model
         if slope @ full <= tolerance:
@@ -198,11 +198,6 @@ def _offset(size: int, curvature: np.ndarray, full: np.ndarray) -> float:
     """Root mean square change of the parameters by a full step, in standard errors."""
     covariance = np.linalg.inv(curvature)[:size, :size]
     return float(np.sqrt(full[:size] @ np.linalg.solve(covariance, full[:size]) / size)) if size else 0.0
-
-
-def _normal_equations(at: Point) -> tuple[np.ndarray, np.ndarray]:
-    """J'J + 1, and J'r + y."""
-    return at.J.T @ at.J + np.eye(len(at.y)), at.J.T @ at.r + at.y
 
 
 def _sum_of_squares(y: np.ndarray, r: np.ndarray) -> float:

@@ -26,6 +26,7 @@ from jaxgrity.io.scene_tables import (
 from jaxgrity.io.structure_tables import CustomTable, StructureTable
 from jaxgrity.io.validation import explain, not_finite, shown
 from jaxgrity.model.actuation import Gait, Overtone, random_members, random_phases
+from jaxgrity.model.balls import Balls
 from jaxgrity.model.external import Push, wind
 from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import Ground
@@ -123,6 +124,8 @@ def build_scene(file: SceneFile, folder: Path = Path()) -> Scene:
     if file.ground is not None and (keys := file.ground.along_struts) is not None:
         chosen = None if keys.struts is None else tuple(keys.struts)
         scene = with_contact_along_struts(scene, keys.count, chosen, keys.radius)
+        if np.any(keys.radius):
+            scene = _on_its_struts(scene, file.structure, file.ground.incline)
     if file.struts is None or (touching := file.struts.touching) is None:
         return scene
     pairs = None if touching.pairs is None else tuple(touching.pairs)
@@ -185,13 +188,27 @@ def _posed(robot: RobotGeometry, table: StructureTable, ground: Ground | None, i
     if table.aligned and ground is not None:
         cosine, sine = math.cos(incline), math.sin(incline)
         nodes = nodes @ np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
-    if table.height is None:
+    return _at_height(nodes, table.height, ground, robot.balls if ground is None else ground.balls, incline)
+
+
+def _at_height(
+    nodes: np.ndarray, height: float | None, ground: Ground | None, balls: Balls | None, incline: float
+) -> np.ndarray:
+    """Nodes (m) moved up or down until the lowest of them, or of their balls, has that height (m) above the ground."""
+    if height is None:
         return nodes
+    if balls is not None:
+        balls.check(len(nodes))
     above = nodes[:, 2] if ground is None else nodes[:, 2] - ground.height(nodes[:, 0], nodes[:, 1])
-    lowest = (
-        above.min() if robot.balls is None else robot.balls.gaps(above * math.cos(incline)).min() / math.cos(incline)
-    )
-    return nodes + np.array([0.0, 0.0, table.height - lowest])
+    lowest = above.min() if balls is None else balls.gaps(above * math.cos(incline)).min() / math.cos(incline)
+    return nodes + np.array([0.0, 0.0, height - lowest])
+
+
+def _on_its_struts(scene: Scene, table: StructureTable, incline: float) -> Scene:
+    """The scene at its height with the balls that struts with a radius have at their ends."""
+    ground, nodes = scene.ground, np.asarray(scene.structure.nodes)
+    nodes = _at_height(nodes, table.height, ground, None if ground is None else ground.balls, incline)
+    return dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, nodes=nodes))
 
 
 def _forces_from_outside(file: SceneFile, nodes: int) -> tuple[Law, ...]:

@@ -1,6 +1,7 @@
 """The keys of structures in scene files: a table for each kind of the catalogue, and one for custom structures."""
 
-from typing import Annotated, Literal
+from collections.abc import Callable
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta
@@ -17,6 +18,7 @@ from jaxgrity.structures.spines import hinged_spine, planar_spine, tetrahedral_s
 from jaxgrity.structures.trusses import d_bar, grid, t_bar
 
 Count = Annotated[int, Meta(ge=1, le=10_000)]
+Formula = Callable[..., Geometry | RobotGeometry]
 
 
 class FixedAxes(Table):
@@ -36,14 +38,21 @@ class _Shape(Table, kw_only=True):
     aligned: bool = False
     height: float = 0.0
     prestress: Positive | None = None
+    formula: ClassVar[Formula]
+    """makes the geometry of the kind's own keys"""
+
+    def own_keys(self) -> dict[str, Any]:
+        """The keys of the kind alone, in order."""
+        return {key: getattr(self, key) for key in self.__struct_fields__ if key not in _Shape.__struct_fields__}
+
+    def geometry(self) -> Geometry | RobotGeometry:
+        """Nodes (nodes, 3), m, struts and cables; of robots also bodies and balls."""
+        return type(self).formula(*self.own_keys().values())
 
 
 class IcosahedronTable(_Shape, tag="icosahedron", tag_field="kind"):
     strut_length: Positive = 1.0
-
-    def geometry(self) -> tuple[np.ndarray, Edges, Edges]:
-        """Nodes (nodes, 3), m, struts and cables."""
-        return icosahedron(self.strut_length)
+    formula: ClassVar[Formula] = icosahedron
 
 
 class PrismTable(_Shape, tag="prism", tag_field="kind"):
@@ -51,16 +60,12 @@ class PrismTable(_Shape, tag="prism", tag_field="kind"):
     radius: Positive = 0.3
     prism_height: Positive = 0.6
     upper_radius: Positive | None = None
-
-    def geometry(self) -> Geometry:
-        return prism(self.struts, self.radius, self.prism_height, self.upper_radius)
+    formula: ClassVar[Formula] = prism
 
 
 class ThreeStrutTable(_Shape, tag="three_strut_robot", tag_field="kind"):
     strut_length: Positive = 1.0
-
-    def geometry(self) -> Geometry:
-        return three_strut_robot(self.strut_length)
+    formula: ClassVar[Formula] = three_strut_robot
 
 
 class TowerTable(_Shape, tag="tower", tag_field="kind"):
@@ -69,17 +74,13 @@ class TowerTable(_Shape, tag="tower", tag_field="kind"):
     overlap: Share = 0.3
     radius: Positive = 0.3
     stage_height: Positive = 0.6
-
-    def geometry(self) -> Geometry:
-        return tower(self.struts, self.stages, self.overlap, self.radius, self.stage_height)
+    formula: ClassVar[Formula] = tower
 
 
 class BallTable(_Shape, tag="ball", tag_field="kind"):
     struts: Count = 30
     strut_length: Positive = 1.0
-
-    def geometry(self) -> Geometry:
-        return ball(self.struts, self.strut_length)
+    formula: ClassVar[Formula] = ball
 
 
 class TetrahedralSpineTable(_Shape, tag="tetrahedral_spine", tag_field="kind"):
@@ -87,9 +88,7 @@ class TetrahedralSpineTable(_Shape, tag="tetrahedral_spine", tag_field="kind"):
     width: Positive = 0.3
     vertebra_height: Positive = 0.3
     spacing: Positive = 0.2
-
-    def geometry(self) -> Geometry:
-        return tetrahedral_spine(self.vertebrae, self.width, self.vertebra_height, self.spacing)
+    formula: ClassVar[Formula] = tetrahedral_spine
 
 
 class PlanarSpineTable(_Shape, tag="planar_spine", tag_field="kind"):
@@ -97,27 +96,21 @@ class PlanarSpineTable(_Shape, tag="planar_spine", tag_field="kind"):
     length: Positive = 0.3
     vertebra_height: Positive = 0.3
     spacing: Positive = 0.2
-
-    def geometry(self) -> Geometry:
-        return planar_spine(self.vertebrae, self.length, self.vertebra_height, self.spacing)
+    formula: ClassVar[Formula] = planar_spine
 
 
 class DBarTable(_Shape, tag="d_bar", tag_field="kind"):
     sides: Count = 3
     length: Positive = 1.0
     radius: Positive = 0.15
-
-    def geometry(self) -> Geometry:
-        return d_bar(self.sides, self.length, self.radius)
+    formula: ClassVar[Formula] = d_bar
 
 
 class TBarTable(_Shape, tag="t_bar", tag_field="kind"):
     sides: Count = 3
     length: Positive = 1.0
     radius: Positive = 0.15
-
-    def geometry(self) -> Geometry:
-        return t_bar(self.sides, self.length, self.radius)
+    formula: ClassVar[Formula] = t_bar
 
 
 class GridTable(_Shape, tag="grid", tag_field="kind"):
@@ -125,18 +118,14 @@ class GridTable(_Shape, tag="grid", tag_field="kind"):
     columns: Count = 2
     side: Positive = 1.0
     thickness: Positive = 0.6
-
-    def geometry(self) -> Geometry:
-        return grid(self.rows, self.columns, self.side, self.thickness)
+    formula: ClassVar[Formula] = grid
 
 
 class HingedSpineTable(_Shape, tag="hinged_spine", tag_field="kind"):
     vertebrae: Count = 3
     vertebra_height: Positive = 0.1
     vertebra_mass: Positive = 0.1
-
-    def geometry(self) -> RobotGeometry:
-        return hinged_spine(self.vertebrae, self.vertebra_height, self.vertebra_mass)
+    formula: ClassVar[Formula] = hinged_spine
 
 
 class CappedTable(_Shape, tag="capped_robot", tag_field="kind"):
@@ -144,18 +133,14 @@ class CappedTable(_Shape, tag="capped_robot", tag_field="kind"):
     rod_mass: Positive = 0.4
     cap_mass: Positive = 0.1
     payload_mass: Positive = 1.0
-
-    def geometry(self) -> RobotGeometry:
-        return capped_robot(self.strut_length, self.rod_mass, self.cap_mass, self.payload_mass)
+    formula: ClassVar[Formula] = capped_robot
 
 
 class SuperballTable(_Shape, tag="superball", tag_field="kind"):
     strut_length: Positive = 1.7
     rod_mass: Positive = 1.0
     cap_mass: Positive = 1.25
-
-    def geometry(self) -> RobotGeometry:
-        return superball(self.strut_length, self.rod_mass, self.cap_mass)
+    formula: ClassVar[Formula] = superball
 
 
 class QuadrupedTable(_Shape, tag="quadruped", tag_field="kind"):
@@ -163,9 +148,7 @@ class QuadrupedTable(_Shape, tag="quadruped", tag_field="kind"):
     width: Positive = 0.2
     vertebra_mass: Positive = 0.2
     leg_mass: Positive = 0.1
-
-    def geometry(self) -> RobotGeometry:
-        return quadruped(self.vertebrae, self.width, self.vertebra_mass, self.leg_mass)
+    formula: ClassVar[Formula] = quadruped
 
 
 class CustomTable(Table, tag="custom", tag_field="kind"):

@@ -296,5 +296,4 @@ def _highest(size: AnyArray) -> AnyArray:
 
 def actuated_lengths(structure: Structure, members: tuple[int, ...]) -> PerMember:
     """(actuators,), rest lengths L0 of the actuated members, m."""
-    kinds = [m for m in (structure.struts, structure.cables) if m is not None]
-    return jnp.concatenate([jnp.asarray(m.rest_length) for m in kinds])[np.array(members)]
+    return jnp.concatenate([jnp.asarray(m.rest_length) for m in structure.members])[np.array(members)]

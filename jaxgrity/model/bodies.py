@@ -18,15 +18,7 @@ from jaxgrity.core.arguments import check_each, check_indices, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import (
-    AnyArray,
-    Edges,
-    NodeVectors,
-    Scalar,
-    Vector,
-    as_float,
-    as_float_or_none,
-)
+from jaxgrity.core.types import AnyArray, Edges, NodeVectors, Scalar, Vector, as_float, as_float_or_none
 
 FLAT = 1e-9
 """Share of the largest second moment of mass below which a body has no extent along an axis: roundings leave less."""

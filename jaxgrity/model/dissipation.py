@@ -154,7 +154,7 @@ class CapstanFriction(DissipationTerm):
         return lost
 
     def keeps(self, symmetry):
-        return symmetry.nodes == tuple(range(len(symmetry.nodes)))  # of sides no rule knows
+        return symmetry.is_identity  # of sides no rule knows
 
 
 @jax.custom_jvp

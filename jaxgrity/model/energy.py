@@ -3,14 +3,12 @@
 from typing import ClassVar
 
 import equinox as eqx
-import numpy as np
 
 from jaxgrity.core.primitives import along, component, dot, half_squares, inner, length, ones, positive_part
 from jaxgrity.core.types import AnyPerNode, Scalar, Vector
 from jaxgrity.model.actuation import Actuation, rest_length
 from jaxgrity.model.clusters import added_up, in_series, to_segments
 from jaxgrity.model.laws import (
-    SAME,
     Configuration,
     EnergyTerm,
     SceneParts,
@@ -104,8 +102,7 @@ class Gravity(EnergyTerm):
         return self.g * inner(self.node_mass, height)
 
     def keeps(self, symmetry):
-        up = np.array(UP if self.up is None else self.up)
-        return bool(np.allclose(symmetry.matrix @ up, up, rtol=0, atol=SAME))
+        return symmetry.leaves(UP if self.up is None else self.up)
 
     def parts(self, scene):
         return ("gravity",)
@@ -115,5 +112,5 @@ def _springs_alike(members: Members, first: int, symmetry: Symmetry) -> bool:
     """Whether a symmetry maps springs on springs of the same stiffness and rest length, stuck ones on stuck ones."""
     moved = moved_members(members, first, symmetry)
     alike = all(unchanged(x, moved) for x in (members.stiffness, members.rest_length) if x is not None)
-    same = not members.pulleys or symmetry.nodes == tuple(range(len(symmetry.nodes)))  # of sides no rule knows
+    same = not members.pulleys or symmetry.is_identity  # of sides no rule knows
     return alike and same and same_roles(members, moved)

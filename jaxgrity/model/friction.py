@@ -15,7 +15,7 @@ from jaxgrity.model.balls import touching_velocities
 from jaxgrity.model.ground import Ground
 from jaxgrity.model.laws import Constraint, DissipationTerm, ForceLaw, Law, Motion, node_names, unchanged_per_node
 from jaxgrity.model.placing import held_directions
-from jaxgrity.model.surface import Direction
+from jaxgrity.model.surface import Direction, length_of
 
 Tangents = tuple[Direction, Direction]
 
@@ -194,17 +194,10 @@ def switch_force(
     """
     slip = [component(v, tangent) for tangent in tangents]
     push = [component(other_forces, tangent) for tangent in tangents]
-    speed, needed = (_hypot(*pair) for pair in (slip, push))
+    speed, needed = (length_of(*pair) for pair in (slip, push))
     slow = (speed < friction.slip_speed).astype(speed.dtype)
     stick = slow * (needed <= friction.mu_static * normal_force).astype(speed.dtype)
     against_slip = (1 - slow) * friction.mu_kinetic * normal_force * inverse(speed)
     against_push = stick + (slow - stick) * friction.mu_kinetic * normal_force * inverse(needed)
     parts = [along(-against_slip * s - against_push * p, tangent) for s, p, tangent in zip(slip, push, tangents)]
     return parts[0] + parts[1]
-
-
-def _hypot(a: PerNode, b: PerNode) -> PerNode:
-    """sqrt(a^2 + b^2), with derivative 0 if both are 0."""
-    square = a * a + b * b
-    positive = (square > 0).astype(square.dtype)
-    return positive * jnp.sqrt(square + (1 - positive))

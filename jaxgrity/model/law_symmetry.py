@@ -40,7 +40,7 @@ def looks_alike(law: Law, scene: Scene) -> Callable[[Symmetry], bool]:
         return value, value(*states)
 
     def alike(symmetry: Symmetry) -> bool:
-        if symmetry.nodes == tuple(range(len(symmetry.nodes))):
+        if symmetry.is_identity:
             return True
         value, there = found()
         spread = np.ptp(there, axis=0).max()

@@ -17,7 +17,7 @@ import scipy.sparse as sp
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, edge_vectors, length, over
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, VectorsByKind
+from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar, Vector, VectorsByKind
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.clusters import added_up, cables_of, nodes_along
 from jaxgrity.model.pulleys import path_lengths
@@ -37,9 +37,14 @@ class Symmetry(NamedTuple):
     members: tuple[int, ...]
     """member k becomes member members[k]: struts count from 0, cables go on after them"""
 
-    def leaves(self, direction: tuple[float, float, float]) -> bool:
+    @property
+    def is_identity(self) -> bool:
+        """Whether every node stays in its place."""
+        return self.nodes == tuple(range(len(self.nodes)))
+
+    def leaves(self, direction: tuple[float, float, float] | Vector) -> bool:
         """Whether it leaves a unit vector as it is, to `SAME`."""
-        return bool(np.allclose(self.matrix @ np.array(direction), direction, rtol=0, atol=SAME))
+        return bool(np.allclose(self.matrix @ np.asarray(direction), direction, rtol=0, atol=SAME))
 
 
 @runtime_checkable
@@ -228,6 +233,13 @@ class Constraint(Law):
     @abstractmethod
     def complaint(self, q: np.ndarray, t: float, part: int) -> str:
         """Words for how a start at `q` (nodes, 3) violates that part."""
+
+
+def rows_on_nodes(blocks: np.ndarray, nodes: np.ndarray, size: int) -> sp.csr_array:
+    """(rows, size), of rows that have `blocks` (rows, k, 3) at x, y and z of k `nodes` each (rows, k), else 0."""
+    columns = (3 * nodes[..., None] + np.arange(3)).ravel()
+    first = 3 * nodes.shape[1] * np.arange(len(nodes) + 1)
+    return sp.csr_array((blocks.ravel(), columns, first), shape=(len(nodes), size))
 
 
 def unchanged(values: AnyArray, moved: Sequence[int]) -> bool:

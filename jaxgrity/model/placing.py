@@ -13,6 +13,7 @@ import scipy.sparse as sp
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
+from jaxgrity.model.laws import rows_on_nodes
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.surface import DistanceAndAxes, Slope, coordinates
 
@@ -98,7 +99,5 @@ def held_directions(ground: Any, axes: slice, q: np.ndarray, size: float) -> sp.
     """(constraints, 3 nodes): the chosen axes (normal, tangents) of each node that touches the ground."""
     distance, frames = ground.measured(q)
     touching = np.flatnonzero(distance <= TOUCHING * size)
-    directions = frames[touching, axes].reshape(-1, 3)
-    nodes = np.repeat(touching, len(range(3)[axes]))
-    columns, first = (3 * nodes[:, None] + np.arange(3)).ravel(), 3 * np.arange(len(nodes) + 1)
-    return sp.csr_array((directions.ravel(), columns, first), shape=(len(nodes), q.size))
+    nodes = np.repeat(touching, len(range(3)[axes]))[:, None]
+    return rows_on_nodes(frames[touching, axes], nodes, q.size)

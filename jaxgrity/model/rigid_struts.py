@@ -11,7 +11,7 @@ from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.types import Edges
 from jaxgrity.model.actuation import Actuation, rest_length, rest_lengths_along
-from jaxgrity.model.laws import Constraint, SceneParts, moved_members, same_roles, unchanged
+from jaxgrity.model.laws import Constraint, SceneParts, moved_members, rows_on_nodes, same_roles, unchanged
 from jaxgrity.model.structure import Members, edge_lengths
 
 LARGEST_GAP = 1e-6
@@ -21,9 +21,7 @@ LARGEST_GAP = 1e-6
 def directions_between(q: np.ndarray, edges: Edges) -> sp.csr_array:
     """(edges, 3 nodes): the unit vector from the second node of each edge to the first, and its opposite."""
     units = np.array([(q[i] - q[j]) / np.linalg.norm(q[i] - q[j]) for i, j in edges]).reshape(-1, 3)
-    ends = np.array(edges, int).reshape(-1, 2)
-    columns, first = (3 * ends[:, :, None] + np.arange(3)).ravel(), 6 * np.arange(len(edges) + 1)
-    return sp.csr_array((np.hstack([units, -units]).ravel(), columns, first), shape=(len(edges), q.size))
+    return rows_on_nodes(np.stack([units, -units], axis=1), np.array(edges, int).reshape(-1, 2), q.size)
 
 
 class RigidStruts(Constraint):

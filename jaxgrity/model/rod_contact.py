@@ -55,20 +55,20 @@ class Points(eqx.Module):
         """(points,), m, of the struts from the `ground`, where points of their axes are at x."""
         return ground.signed_distance(x) - self.radius
 
-    def ground(self, scene: Scene) -> PenaltyGround | None:
-        """The scene's ground with the stiffness at the points, without balls, which are at nodes; None if a report has
-        removed it."""
-        ground = scene.ground
-        if not isinstance(ground, PenaltyGround):
-            return None
-        stiffness = jnp.broadcast_to(ground.stiffness, ()) * self.strength
-        return eqx.tree_at(lambda g: g.stiffness, dataclasses.replace(ground, balls=None), stiffness)
-
     def names(self, what: str) -> tuple[str, ...]:
         return tuple(f"{what} strut {k} at {s:.2g} of its length" for k, s in zip(self.struts, np.asarray(self.share)))
 
     def times(self, factors: AnyArray) -> "Points":
         return eqx.tree_at(lambda p: p.strength, self, self.strength * factors)
+
+
+def ground_beside_nodes(scene: Scene, strength: AnyArray) -> PenaltyGround | None:
+    """The scene's ground with its stiffness times `strength`, without balls, which are at nodes; None if a report has
+    removed it."""
+    if not isinstance(scene.ground, PenaltyGround):
+        return None
+    stiffness = jnp.broadcast_to(scene.ground.stiffness, ()) * strength
+    return eqx.tree_at(lambda g: g.stiffness, dataclasses.replace(scene.ground, balls=None), stiffness)
 
 
 class RodContact(EnergyTerm):
@@ -78,7 +78,7 @@ class RodContact(EnergyTerm):
     name: ClassVar[str] = "penalty contact along struts"
 
     def energy(self, at: Configuration) -> Scalar:
-        ground = self.points.ground(at.scene)
+        ground = ground_beside_nodes(at.scene, self.points.strength)
         if ground is None:
             return jnp.zeros((), at.q.dtype)
         return contact_energy(ground, self.points.distances(ground, self.points.of(at.q)))
@@ -98,7 +98,7 @@ class RodContactDissipation(DissipationTerm):
     cause: ClassVar[str] = "contact"
 
     def dissipation(self, motion: Motion) -> Scalar:
-        ground = self.points.ground(motion.at.scene)
+        ground = ground_beside_nodes(motion.at.scene, self.points.strength)
         if ground is None or ground.dissipation is None:
             return jnp.zeros((), motion.v.dtype)
         x, v = self.points.of(motion.at.q), self.points.of(motion.v)
@@ -120,7 +120,7 @@ class RodFriction(ForceLaw):
 
     def force(self, motion: Motion, other_forces: NodeVectors) -> NodeVectors:
         scene, nodes = motion.at.scene, len(motion.v)
-        ground = self.points.ground(scene)
+        ground = ground_beside_nodes(scene, self.points.strength)
         if ground is None or scene.friction is None:
             return jnp.zeros_like(motion.v)
         x, v = self.points.of(motion.at.q), self.points.of(motion.v)
@@ -218,7 +218,7 @@ def strut_distances(scene: Scene, q: NodeVectors) -> AnyArray:
     if isinstance(ground, ExactGround) and ground.capsules is not None and ground.surface is not None:
         found.append(-depths(ground, q))
     for points in (law.points for law in scene.terms if isinstance(law, RodContact)):
-        at_points = points.ground(scene)
+        at_points = ground_beside_nodes(scene, points.strength)
         found += [] if at_points is None else [points.distances(at_points, points.of(q))]
     return jnp.concatenate([*found, jnp.full(1, jnp.inf, q.dtype)])
 

@@ -84,10 +84,10 @@ def fastest_mode(scene: SceneParts) -> Scalar:
     """
     structure = scene.structure
     mass = structure.lumped_mass
-    xp = _namespace(mass, *(m.stiffness for m in (structure.struts, structure.cables) if m is not None))
+    xp = _namespace(mass, *(m.stiffness for m in structure.members))
     stiffness = xp.zeros(len(structure.nodes))
-    for members in (structure.struts, structure.cables):
-        if members is not None and members.stiffness is not None:
+    for members in structure.members:
+        if members.stiffness is not None:
             for ends in zip(*members.edges):
                 if xp is np:
                     stiffness = stiffness + np.bincount(ends, members.stiffness, len(structure.nodes))

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.arguments import check_each
-from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Edges, PerMember, as_float
 from jaxgrity.model.structure import Members, per_member
@@ -96,9 +96,7 @@ def material_of(material: Material | str) -> Material:
     """The material, or that of this name; raises `InputError` for an unknown name."""
     if isinstance(material, Material):
         return material
-    if material not in MATERIALS:
-        names = ", ".join(MATERIALS)
-        raise InputError(f"material = {material!r}: {unknown(material, MATERIALS)}; expected one of {names}")
+    check_known("material", material, MATERIALS)
     return MATERIALS[material]
 
 

@@ -96,9 +96,12 @@ class Cylinder(Surface):
         check_each("cylinder.start", self.start, shape=(3,))
         check_each("cylinder.end", self.end, shape=(3,))
         check_each("cylinder.radius", self.radius, shape=(), above=0.0, unit="m")
-        _check_rounding("cylinder", self.rounding, self.radius * 2)
-        if isinstance(self.start, np.ndarray) and isinstance(self.end, np.ndarray) and np.all(self.start == self.end):
+        known = isinstance(self.start, np.ndarray) and isinstance(self.end, np.ndarray)
+        if known and np.all(self.start == self.end):
             raise InputError(f"cylinder.end = {self.end.tolist()}: start is there too; expected two points apart")
+        # ends rounder than half of the length would make it thinner than its radius
+        length = np.linalg.norm(self.end - self.start) if known else np.inf
+        _check_rounding("cylinder", self.rounding, self.radius * 2, length)
 
     def level(self, x, y, z):
         axis = self.end - self.start
@@ -197,8 +200,8 @@ def _from_above(solid: Surface, x: AnyArray, y: AnyArray, middle: Scalar, reach:
     return jnp.where(f(x, y, deepest) <= EDGE * reach, z, -jnp.inf)
 
 
-def _check_rounding(kind: str, value: Scalar, size: AnyArray | Scalar) -> None:
+def _check_rounding(kind: str, value: Scalar, *sizes: AnyArray | Scalar) -> None:
     check_each(f"{kind}.rounding", value, shape=(), least=0.0, unit="m")
-    known = isinstance(value, np.ndarray) and not isinstance(size, jax.Array)
-    if known and not 0 <= value <= np.min(size) / 2:
+    known = isinstance(value, np.ndarray) and not any(isinstance(size, jax.Array) for size in sizes)
+    if known and not 0 <= value <= min(map(np.min, sizes)) / 2:
         raise InputError(f"{kind}.rounding = {value}: expected a radius from 0 to half of its smallest side")

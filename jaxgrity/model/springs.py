@@ -92,4 +92,4 @@ def smallest_stiffness(structure: Structure) -> float:
 
 
 def _springs(structure: Structure) -> list[Members]:
-    return [m for m in (structure.struts, structure.cables) if m is not None and m.stiffness is not None]
+    return [m for m in structure.members if m.stiffness is not None]

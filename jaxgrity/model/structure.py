@@ -118,6 +118,11 @@ class Structure(eqx.Module):
         _check_masses(self)
 
     @property
+    def members(self) -> "tuple[Members, ...]":
+        """The struts and the cables, where there are any."""
+        return tuple(m for m in (self.struts, self.cables) if m is not None)
+
+    @property
     def mass(self):
         """Total mass, kg."""
         return self.lumped_mass.sum()
@@ -125,8 +130,7 @@ class Structure(eqx.Module):
     @property
     def rod_masses(self) -> tuple[tuple[AnyArray, Edges], ...]:
         """Masses, kg, and edges of the members that have mass, first of struts, then of cables."""
-        members = [m for m in (self.struts, self.cables) if m is not None]
-        return tuple((m.mass, m.edges) for m in members if m.mass is not None)
+        return tuple((m.mass, m.edges) for m in self.members if m.mass is not None)
 
     @property
     def coupled(self) -> bool:
@@ -187,7 +191,7 @@ class Structure(eqx.Module):
     @property
     def member_count(self) -> int:
         """Number of struts and cables."""
-        return sum(len(members.edges) for members in (self.struts, self.cables) if members is not None)
+        return sum(len(m.edges) for m in self.members)
 
     @property
     def robot(self) -> str:
@@ -268,11 +272,7 @@ def edge_lengths(nodes: NodeVectors, edges: Edges) -> np.ndarray:
 
 
 def check_edges(nodes: np.ndarray, struts: Edges, cables: Edges, where: str = "structure") -> None:
-    """Refuse impossible members.
-
-    Raises `InputError` if a member ends at a missing node, joins a node to itself, has no length, or joins the same two
-    nodes as another member.
-    """
+    """Raises `InputError` if a member ends at a missing node, has no length, or joins the same nodes as another one."""
     seen: dict[tuple[int, int], str] = {}
     for kind, edges in (("struts", struts), ("cables", cables)):
         for k, (i, j) in enumerate(edges):

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from itertools import combinations
 from typing import ClassVar, cast
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -19,6 +18,7 @@ from jaxgrity.model.friction import SmoothFriction
 from jaxgrity.model.ground import PenaltyGround, contact_dissipation, contact_energy, normal_force
 from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, ForceLaw, Motion
 from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.rod_contact import ground_beside_nodes
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene, with_terms
 from jaxgrity.model.structure import Members, per_member
@@ -35,7 +35,7 @@ class StrutContact(EnergyTerm):
     name: ClassVar[str] = "penalty contact between struts"
 
     def energy(self, at: Configuration) -> Scalar:
-        ground = _springs(self.between, at.scene)
+        ground = ground_beside_nodes(at.scene, self.between.strength)
         if ground is None:
             return jnp.zeros((), at.q.dtype)
         return contact_energy(ground, self.between.nearest(at.q).gap)
@@ -58,7 +58,7 @@ class StrutContactDissipation(DissipationTerm):
     cause: ClassVar[str] = "contact"
 
     def dissipation(self, motion: Motion) -> Scalar:
-        ground = _springs(self.between, motion.at.scene)
+        ground = ground_beside_nodes(motion.at.scene, self.between.strength)
         if ground is None or ground.dissipation is None:
             return jnp.zeros((), motion.v.dtype)
         share, normal, gap = self.between.nearest(motion.at.q)
@@ -84,7 +84,7 @@ class StrutFriction(ForceLaw):
 
     def force(self, motion: Motion, other_forces: NodeVectors) -> NodeVectors:
         scene, nodes = motion.at.scene, len(motion.v)
-        ground = _springs(self.between, scene)
+        ground = ground_beside_nodes(scene, self.between.strength)
         if ground is None or scene.friction is None:
             return jnp.zeros_like(motion.v)
         share, normal, gap = self.between.nearest(motion.at.q)
@@ -196,14 +196,6 @@ def radius_of_struts(scene: Scene, between: StrutPairs) -> list[float]:
     radii = np.asarray(between.radius, float)
     known = dict(zip(np.array(between.pairs).ravel().tolist(), radii.ravel().tolist()))
     return [known.get(k, float(radii.flat[0])) for k in range(len(cast(Members, scene.structure.struts).edges))]
-
-
-def _springs(between: StrutPairs, scene: Scene) -> PenaltyGround | None:
-    """The scene's ground with the stiffness of each pair; None if a report has removed it."""
-    ground = scene.ground
-    if not isinstance(ground, PenaltyGround):
-        return None
-    return eqx.tree_at(lambda g: g.stiffness, ground, jnp.broadcast_to(ground.stiffness, ()) * between.strength)
 
 
 def _chosen_pairs(struts: Members | None, pairs: Edges | None) -> Edges:

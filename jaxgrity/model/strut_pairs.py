@@ -10,13 +10,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.sparse as sp
 
 from jaxgrity.core.elementwise import clipped
 from jaxgrity.core.primitives import dot, inverse, length, over, place_rows, scale, take_rows
 from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.types import AnyArray, Edges, MemberVectors, NodeVectors, PerMember, PerNode, as_float
-from jaxgrity.model.laws import Constraint, Symmetry
+from jaxgrity.model.laws import Constraint, Symmetry, rows_on_nodes
 from jaxgrity.model.placing import TOUCHING
 
 PARALLEL = 0.75
@@ -152,9 +151,7 @@ class ExactStrutContact(Constraint):
         share, normal, gap = known_nearest(self.between, q)
         touching = np.flatnonzero(gap <= TOUCHING * size)
         nodes, each = np.array(self.between.ends)[:, touching].T, np.array(weights(share))[:, touching].T
-        rows = each[:, :, None] * np.asarray(normal)[touching, None]
-        columns, first = (3 * nodes[:, :, None] + np.arange(3)).ravel(), 12 * np.arange(len(touching) + 1)
-        return sp.csr_array((rows.ravel(), columns, first), shape=(len(touching), q.size))
+        return rows_on_nodes(each[:, :, None] * np.asarray(normal)[touching, None], nodes, q.size)
 
     def gaps(self, q, t):
         found = known_nearest(self.between, q) if isinstance(q, np.ndarray) else self.between.nearest(q)

@@ -102,7 +102,7 @@ def _as_symmetry(structure: Structure, r: np.ndarray, matrix: np.ndarray) -> Sym
     if structure.fixed and not _same_supports(structure, nodes, matrix):
         return None
     members: list[int] = []
-    for kind in [m for m in (structure.struts, structure.cables) if m is not None]:
+    for kind in structure.members:
         number = {frozenset(edge): k for k, edge in enumerate(kind.edges)}
         moved = [number.get(frozenset((nodes[i], nodes[j])), -1) for i, j in kind.edges]
         if -1 in moved:

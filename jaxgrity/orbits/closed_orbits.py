@@ -12,7 +12,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
-from jaxgrity.orbits.cycles import plane_of, way_along
+from jaxgrity.orbits.cycles import plane_of, turned_by, way_along
 from jaxgrity.orbits.finding import FRAMES, Orbit, in_step, restarted
 from jaxgrity.stepping.final_state import final_state, states_at
 from jaxgrity.stepping.options import ResolvedOptions, resolve
@@ -130,9 +130,7 @@ def _guess(
     q, _ = state
     end, _ = final_state(scene, cycle, options, state, steps=steps)
     shift = (share @ end - share @ q)[:2]
-    a, b = (q - share @ q)[:, :2], (end - share @ end)[:, :2]
-    angle = jnp.arctan2(share @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), share @ jnp.sum(a * b, axis=1))
-    return jnp.concatenate([*(x.ravel() for x in state), shift, angle[None]])
+    return jnp.concatenate([*(x.ravel() for x in state), shift, jnp.reshape(turned_by(share, q, end), 1)])
 
 
 def _newton(f, y):

@@ -100,16 +100,18 @@ def way_along(path: Float[AnyArray, "places 2"], angle: Scalar) -> Scalar:
     return xp.sqrt(x * x + y * y) / xp.sinc(angle / (2 * np.pi))
 
 
-def moved_onto(
-    mass: AnyArray, q: NodeVectors, other: NodeVectors, plane: Plane
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Nodes moved along the plane onto others by the best fit; the shift of the centre of mass from the others, (2,),
-    m; and the angle of the turn, rad, where the plane allows one. Nodes are in the plane's axes."""
-    share = np.asarray(mass) / np.sum(mass)
-    centre, aim = share @ q, share @ other
-    a, b = (q - centre)[:, :2], (other - aim)[:, :2]
+def turned_by(share: AnyArray, before: NodeVectors, after: NodeVectors) -> Scalar:
+    """The angle, rad, of the turn about the normal that moves nodes best onto others, with `share` of the mass each."""
+    a, b = ((q - share @ q)[:, :2] for q in (before, after))
     across = share @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    angle = np.arctan2(across, share @ np.sum(a * b, axis=1)) if plane.turns else 0.0
+    return namespace_of(across).arctan2(across, share @ (a * b).sum(1))
+
+
+def moved_onto(mass: AnyArray, q: NodeVectors, other: NodeVectors, plane: Plane) -> tuple[np.ndarray, float]:
+    """Nodes moved along the plane onto others by the best fit, and the angle of the turn, rad, where the plane allows
+    one. Nodes are in the plane's axes."""
+    share = np.asarray(mass) / np.sum(mass)
+    angle = turned_by(share, q, other) if plane.turns else 0.0
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    moved = np.column_stack([a @ turn.T + aim[:2], q[:, 2]])
-    return moved, (centre - aim)[:2], float(angle)
+    moved = np.column_stack([(q - share @ q)[:, :2] @ turn.T + (share @ other)[:2], q[:, 2]])
+    return moved, float(angle)

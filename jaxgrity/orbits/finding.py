@@ -19,7 +19,7 @@ from jaxgrity.core.types import State
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, body_length, with_gait
-from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, cycle, moved_onto, plane_of, shape, way_along
+from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, cycle, plane_of, shape, turned_by, way_along
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 
@@ -206,9 +206,8 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
     since = since if settled else half
     later, time = (len(changes) - since) // 2, periods * period
     # on a slope too: that the robot keeps its heading there is what is to be seen
-    turning = plane._replace(turns=True)
-    back = [moved_onto(mass, once[k + periods], once[k], turning)[2] for k in range(since + later, len(changes))]
-    turned, frames = -float(np.mean(back)), periods * FRAMES
+    angles = [turned_by(mass / mass.sum(), once[k], once[k + periods]) for k in range(since + later, len(changes))]
+    turned, frames = float(np.mean(np.array(angles))), periods * FRAMES
     watched = (len(once) - 1 - since) * period
     settled = settled and (plane.turns or abs(turned) / time * watched <= HEADING)
     cycles = (path[k * FRAMES :][: frames + 1] for k in range(since, len(changes)))

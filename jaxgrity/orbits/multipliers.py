@@ -137,7 +137,7 @@ def _multipliers(
     """Of a cycle from the state `before` to `end`, (2, nodes, 3) each, in the plane's axes."""
     if np.ptp(before[0][:, :2], axis=0).max() <= THIN * np.ptp(before[0], axis=0).max():
         plane = plane._replace(turns=False)
-    moved, _, angle = moved_onto(mass, end[0], before[0], plane)
+    moved, angle = moved_onto(mass, end[0], before[0], plane)
     c, s = np.cos(angle), np.sin(angle)
     back = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     # DR: the end is moved back, and then once more by as much as the deviation moves its centre and its heading

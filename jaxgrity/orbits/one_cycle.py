@@ -1,5 +1,6 @@
 """Energy, actuators and supports in one cycle of an orbit."""
 
+import math
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.finding import Orbit, in_step, restarted
 from jaxgrity.populations.metrics import cost_of_transport
-from jaxgrity.populations.motion_kinds import rolling
+from jaxgrity.populations.motion_kinds import LASTING, rolling
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.options import Options, ResolvedOptions
@@ -89,11 +90,21 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
 
 
 def _supports(scene: Scene, here: Scene, orbit: Orbit, options: ResolvedOptions) -> tuple[tuple[int, ...], ...]:
-    """The faces of the built robot in the cycle after the orbit's state, where `here` begins."""
+    """The faces to which the built robot changes in a cycle after the orbit's state, where `here` begins.
+
+    A cycle ends on the face on which it begins, which so counts once. As a face has to last, the cycle ends before the
+    motion does. All cycles have frames at the same moments.
+    """
     if scene.ground is None:
         return ()
-    trajectory = simulate(
-        here, orbit.cycle, options=options, frame_rate=FRAME_RATE / float(time_scale(scene)), velocities=orbit.state[1]
-    )
+    scale = float(time_scale(scene))
+    lasting, frames = 2 * LASTING * scale, math.ceil(orbit.cycle * FRAME_RATE / scale)
+    rate = frames / orbit.cycle
+    watched = (1 + math.ceil((lasting + 2 / rate) / orbit.cycle)) * orbit.cycle
+    trajectory = simulate(here, watched, options=options, frame_rate=rate, velocities=orbit.state[1])
+    if trajectory.failed:
+        return ()
     built = replace(here, structure=scene.structure)  # the pose of the moment may be flat
-    return () if trajectory.failed else rolling(built, trajectory).supports
+    seen, ends = rolling(built, trajectory), watched - (math.ceil(lasting * rate) + 0.5) / rate
+    told = [face for face, since in zip(seen.supports, seen.since) if ends - orbit.cycle < since < ends]
+    return tuple(told) or seen.supports[-1:]

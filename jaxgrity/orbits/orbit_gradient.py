@@ -8,6 +8,7 @@ all of J.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -19,11 +20,11 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import AnyArray, Count, NodeVectors, PerActuator, Scalar
+from jaxgrity.core.types import AnyArray, Count, PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
-from jaxgrity.orbits.cycles import Plane, plane_of, way_along
+from jaxgrity.orbits.cycles import Plane, plane_of, turned_by, way_along
 from jaxgrity.orbits.finding import FRAMES, Orbit, in_step, period_of, restarted
 from jaxgrity.stepping.complementarity import ImpulseState
 from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
@@ -261,7 +262,7 @@ def _told_rows(scene: Scene, axes: AnyArray, turns: bool, along: AnyArray, q, ta
     def told(numbers, q):
         levelled, time = q @ axes, frames / FRAMES / unravel(numbers).frequency
         before, after = (levelled[k : k + frames : FRAMES] for k in (0, frames))
-        turned = jnp.mean(jax.vmap(lambda a, b: _turned(share, a, b))(before, after)) if turns else 0.0 * time
+        turned = jnp.mean(jax.vmap(partial(turned_by, share))(before, after)) if turns else 0.0 * time
         path = jnp.einsum("n,fnk->fk", share, levelled[frames:])[:, :2]
         return jnp.stack([way_along(path, turned / frames) * frames / time, turned / time])
 
@@ -269,9 +270,3 @@ def _told_rows(scene: Scene, axes: AnyArray, turns: bool, along: AnyArray, q, ta
         return jax.jvp(told, (at, q), (number, change))
 
     return jax.vmap(derivative, out_axes=(None, 0))(along, jnp.swapaxes(tangents, 0, 1))
-
-
-def _turned(share: AnyArray, before: NodeVectors, after: NodeVectors) -> AnyArray:
-    """The angle, rad, of the nodes' turn about the normal, as in `find_orbit`."""
-    a, b = (before - share @ before)[:, :2], (after - share @ after)[:, :2]
-    return jnp.arctan2(share @ (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), share @ jnp.sum(a * b, axis=1))

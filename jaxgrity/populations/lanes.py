@@ -19,6 +19,7 @@ from jaxgrity.model.inertia import mobility
 from jaxgrity.model.scene import Scene, start_of, with_scales
 from jaxgrity.populations.metrics import Metrics, initial_metrics, updated_metrics
 from jaxgrity.populations.uncertainty import Differences, differing
+from jaxgrity.stepping.complementarity import Lift
 from jaxgrity.stepping.discretisation import discretise, failure_code, integrate, state_failure
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.loop import Carried, Step, carried_at, numbered
@@ -177,11 +178,12 @@ def _last(
 @typed
 def discretise_lanes(options: ResolvedOptions, axes: Scene) -> tuple[diffrax.AbstractTerm, diffrax.AbstractSolver]:
     """`discretise` for a whole chunk, whose scene has these `in_axes`."""
+    return discretise(options, lift_over(axes))
 
-    def lift(function, in_axes):
-        return over_lanes(function, tuple(axes if a == "s" else a for a in in_axes))
 
-    return discretise(options, lift)
+def lift_over(axes: Scene) -> Lift:
+    """The `Lift` of robots whose scene has these `in_axes`."""
+    return lambda function, in_axes: over_lanes(function, tuple(axes if a == "s" else a for a in in_axes))
 
 
 def over_lanes(function: Callable, in_axes: tuple) -> Callable:

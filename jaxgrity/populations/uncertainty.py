@@ -237,7 +237,7 @@ def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype)
         factors = (1 + drawn["cable_stiffness"]).astype(dtype)
         found["cable_stiffness"] = factors.repeat(len(_cables(scene).edges), axis=1)
     if "prestress" in drawn:
-        found["cable_rest_length"] = _slackened(scene, drawn["prestress"].astype(dtype))
+        found["cable_rest_length"] = slackened(scene, drawn["prestress"].astype(dtype))
     if "node_mass" in drawn:
         found["node_mass"] = (1 + drawn["node_mass"]).astype(dtype)
     if "slope" in drawn:
@@ -264,7 +264,7 @@ def _uniform(
     return {name: draws.uniform(keys[name], (pairs, *numbers[name]), dtype, -1.0, 1.0) for name in asked}
 
 
-def _slackened(scene: Scene, share: AnyArray) -> AnyArray:
+def slackened(scene: Scene, share: AnyArray) -> AnyArray:
     """(robots, cables), the factors of rest lengths that raise tensions in the built shape by a share (robots, 1)."""
     cables, nodes = _cables(scene), jnp.asarray(scene.structure.nodes, share.dtype)
     return 1 - share * (path_lengths(cables, edge_vectors(nodes, cables.edges), nodes) / cables.rest_length - 1)

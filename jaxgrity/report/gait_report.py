@@ -100,6 +100,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
         **gait_facts(scene.gait, scene.structure),
         "duration": duration,
         "objective": origin.objective,
+        "unit": result.problem.fitness.objective.unit,
         "settings": origin.settings,
         **result.verdict.summary(),
         "steady": steady,

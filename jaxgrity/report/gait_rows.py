@@ -1,5 +1,6 @@
 """The result of a search, and how far to trust it, in words, by row headings of the report."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,9 @@ from jaxgrity.core.display import counted_robots, finite_or, mean_of_robots, sig
 from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report import plot
 from jaxgrity.report.steady import NOT_LASTING, steady_rows
-from jaxgrity.search.attraction import multiplier_words
 from jaxgrity.search.objectives import Objective
 from jaxgrity.search.paths import SETTLING
+from jaxgrity.search.promotion import multiplier_words
 
 
 def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
@@ -70,7 +71,7 @@ def _beyond(summary: dict[str, Any]) -> str:
     """By how much the gait, and which share of its perturbed robots, exceed the bounds on actuators, in words."""
     told, share = "", summary["beyond_bounds"]
     if not summary["within_bounds"]:
-        told = f"; this exceeds its bounds by {100 * summary['actuators']['excess']:.2g} %"
+        told = f"; this exceeds its bounds by {100 * summary['actuators']['excess']:.2g} %, added up over them"
     if not share or summary["robust"]["robots"] == 1:
         return told
     some = "under 1" if share < 0.005 else f"{100 * share:.0f}"
@@ -79,7 +80,7 @@ def _beyond(summary: dict[str, Any]) -> str:
 
 def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Objective) -> dict[str, str]:
     """How the gait was found, and how far to trust it, in words."""
-    robust, other, unit = summary["robust"], summary["other_contact_model"], objective.unit
+    unit = objective.unit
     ranks = summary["fidelity"]["rank_correlation"][0][-1]
     among = summary["fidelity"]["rank_correlation_of_the_evolved"][0][-1]
     last = summary["fidelity"]["levels"][-1]["name"]
@@ -90,31 +91,45 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Obje
         **verified,
         "motion": "no ground, or no motion" if motion is None else motion.sentence(),
         "directions": ", ".join(map(_direction, summary["directions"])),
-        "objective": f"{mean_of_robots(robust, unit)} over {counted_robots(robust['robots'])}, error of the time "
-        f"step {finite_or(robust['step_error'], unit, 'not known')}; {mean_of_robots(other, unit)} on the other "
-        "contact model" + (f"; it {late}" if objective.steady and late else ""),
+        "objective": objective_words(summary, unit) + (f"; it {late}" if objective.steady and late else ""),
         "search": f"{rollouts} rollouts of the evolution; rank correlation (Spearman) of screening with {last}: "
         f"{plot.ranked(ranks)}; among evolved gaits {plot.ranked(among)}",
-        **_curse(summary),
+        **_curse(summary, last, unit),
         **_chosen(**summary["finalists"]),
         "polish": "none" if summary["polish"] is None else summary["polish"]["reason"],
         "sensitivity at the end": finite_or(summary["diagnosis"].get("sensitivity", np.nan), "m/rad", "not known"),
     }
 
 
-def _curse(summary: dict[str, Any]) -> dict[str, str]:
-    """The best fitness by the draws that chose it, beside that of the finalist that goes on, by fresh ones."""
-    best = summary["searches"][-1]["best"][-1]
+def objective_words(summary: dict[str, Any], unit: str) -> str:
+    """The objective's mean over perturbed robots on both contact models, and how it depends on the time step.
+
+    That of a step and its half differ by half of the first one's error, where errors are of first order.
+    """
+    robust, other = summary["robust"], summary["other_contact_model"]
+    return (
+        f"{mean_of_robots(robust, unit)} over {counted_robots(robust['robots'])}, differs by "
+        f"{finite_or(robust['step_error'], unit, 'an unknown amount')} between two time steps, one half of the other; "
+        f"{mean_of_robots(other, unit)} on the other contact model"
+    )
+
+
+def _curse(summary: dict[str, Any], level: str, unit: str) -> dict[str, str]:
+    """The best fitness by the draws that chose it, beside that of the finalist that goes on, by fresh ones on a level
+    that may be another one."""
+    evolved, fresh = summary["searches"][-1], summary["finalists"]["fitness"][0]
+    best, chosen = (f"{significant(each)} {unit}".rstrip() for each in (evolved["best"][-1], fresh))
+    beyond = "" if evolved["within"][-1] else ", of gaits beyond their bounds"
     return {
-        "fitness": f"{significant(best)}, best of the last generation, by the draws that chose it; "
-        f"{significant(summary['finalists']['fitness'][0])}, the chosen finalist, by fresh ones"
+        "fitness": f"{best}, best of the last generation{beyond}, by the draws that chose it; {chosen}, the chosen "
+        f"finalist, by fresh ones that compare finalists ({level})"
     }
 
 
 def _direction(verified: dict[str, float]) -> str:
     """A distance with its error bar, and the heading where the bar leaves one, in words."""
     distance, bar = verified["distance"], verified["error_bar"]
-    way = f"towards {np.degrees(verified['heading']):.0f}°" if bar < distance else "in no known direction"
+    way = f"towards {round(np.degrees(verified['heading']))}°" if bar < distance else "in no known direction"
     return f"{with_error(distance, bar, ' m')} {way}"
 
 
@@ -124,7 +139,9 @@ def late_words(swing: float, duration: float) -> str:
     if swing <= settled:
         return ""
     told = f"counts the time from {settled:.3g} s on, but the gait is in full swing from {swing:.3g} s on"
-    return f"{told}: search with a duration of {swing / SETTLING:.3g} s or more"
+    enough = swing / SETTLING
+    last = 10.0 ** (math.floor(math.log10(enough)) - 2)  # of three digits, rounded up: with less it would be late again
+    return f"{told}: search with a duration of {math.ceil(enough / last - 1e-9) * last:g} s or more"
 
 
 def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, str]:

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
+from jaxgrity.model.actuation import actuated_lengths, peak_rates
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.symmetry import Symmetry, image, standing_symmetries
+from jaxgrity.model.symmetry import gene_permutations, image, standing_symmetries
 from jaxgrity.populations.metrics import cost_of_transport
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.uncertainty import Differences
@@ -59,7 +59,7 @@ def directions(best: Scene, options: SolverOptions, duration: float) -> list[dic
         turned = standing_symmetries(best)
     except InputError:  # positions do not decide them, as of a robot in a plane
         turned = ()
-    images = [image(gait, symmetry) for symmetry in turned if maps_members(gait, symmetry)] or [gait]
+    images = [image(gait, symmetry) for symmetry in turned if gene_permutations(gait.members, (symmetry,))] or [gait]
     found = []
     for each in images:
         verified = verify(best, as_population(each), duration, options=options)
@@ -67,11 +67,6 @@ def directions(best: Scene, options: SolverOptions, duration: float) -> list[dic
         facts = {"heading": np.arctan2(y, x), "distance": verified.distance[0], "error_bar": verified.error_bar[0]}
         found.append({name: float(value) for name, value in facts.items()})
     return found
-
-
-def maps_members(gait: Gait, symmetry: Symmetry) -> bool:
-    """Whether the image of the gait has the same actuated members."""
-    return {symmetry.members[k] for k in gait.members} == set(gait.members)
 
 
 def actuators(best: Scene, options: SolverOptions, duration: float, bounds: ActuatorBounds) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 import base64
 import io
 from html import escape
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,6 +11,7 @@ from jaxgrity.core.display import significant
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.report import plot
+from jaxgrity.report.gait_rows import distance_words, objective_words
 from jaxgrity.search.pipeline import SearchResult
 from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.discretisation import FAILURES
@@ -46,22 +46,15 @@ def gait_html(gait: Gait) -> str:
 
 
 def search_html(result: SearchResult) -> str:
-    """The verdict on the result, and its gait."""
+    """The verdict on the result, in the words of the report, and its gait."""
     assert result.scene.gait is not None, "a search finds a gait"
-    rows = {name: value for name, value in result.verdict.summary().items() if not isinstance(value, list | tuple)}
-    return _side_by_side(plot.gait_figure(result.scene.gait), "\n".join(_rows(rows)))
-
-
-def _rows(facts: dict[str, Any]) -> list[str]:
-    """A line for each fact, those within others after their names."""
-    lines = []
-    for name, value in facts.items():
-        words = name.replace("_", " ")
-        if isinstance(value, dict):
-            lines.append(f"{words}: " + ", ".join(_rows(value)))
-        else:
-            lines.append(f"{words}: {value:.4g}" if isinstance(value, float) else f"{words}: {value}")
-    return lines
+    facts, unit = result.verdict.summary(), result.problem.fitness.objective.unit
+    rows = {
+        "verified distance": distance_words(facts | {"duration": float(result.problem.duration)}),
+        "objective": objective_words(facts, unit),
+        "beyond a bound on actuators": f"{100 * facts['beyond_bounds']:.0f} % of robots",
+    }
+    return _side_by_side(plot.gait_figure(result.scene.gait), "\n".join(f"{name}: {x}" for name, x in rows.items()))
 
 
 def _side_by_side(figure: Figure, words: str) -> str:

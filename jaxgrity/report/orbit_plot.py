@@ -64,7 +64,8 @@ def orbit_figure(scene: Scene, trajectory: Trajectory, cycle: float, turning: fl
     height = centre[:, 2] - centre[:, 2].mean()
     for name, values, colour in (("ahead", seen.real, PATH), ("to the left", seen.imag, STRUT), ("up", height, CABLE)):
         against.plot(times - times[0], values, color=colour, label=name)
-    speed = abs(origin[-1] - origin[0]) / cycle
+    arc_of_chord = 1 / np.sinc(turning * cycle / (2 * np.pi))
+    speed = abs(origin[-1] - origin[0]) * arc_of_chord / cycle
     title = f"about a frame that goes at {significant(float(speed))} m/s"
     against.set(xlabel="time in the cycle (s)", ylabel="centre of mass about its mean (m)", title=title)
     against.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=3)

@@ -97,13 +97,18 @@ def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), u
         first += len(search.best)
     rollouts = sum(search.rollouts for search in searches)
     title = f"{rollouts} rollouts; each by the draws that chose it, on fresh ones the best is worth less"
-    axes.set(xlabel="generation", ylabel=f"fitness ({unit})" if unit else "fitness")
+    axes.set(xlabel="generation", ylabel=_in("fitness", unit))
     axes.set_title(title)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if any((search.within == 0).any() for search in searches):
         axes.plot([], [], "o", markersize=3, color=STRUT, markerfacecolor="white", label="every gait beyond a bound")
     axes.legend()
     return figure
+
+
+def _in(name: str, unit: str) -> str:
+    """The name of an axis, with its unit, where it has one."""
+    return f"{name} ({unit})" if unit else name
 
 
 def ranked(correlation: float | None) -> str:
@@ -126,10 +131,10 @@ def polish_figure(before: Gait, after: Gait, fitness: list[float], unit: str = "
         lengths = np.array([1 - float(contraction(gait, t)[0]) for t in times])
         lengths = np.roll(lengths, -int(np.argmax(lengths)))
         wave.plot(share, np.append(lengths, lengths[0]), color=colour, label=f"{name}, {period:.3g} s")
-    wave.set(xlabel="share of a period", ylabel="share of the built length")
+    wave.set(xlabel="share of a period", ylabel="share of the full rest length")
     wave.legend()
     steps.plot(np.arange(1, len(fitness) + 1), fitness, "o-", markersize=3, color=STRUT)
-    steps.set(xlabel="step of polishing", ylabel=f"fitness ({unit})" if unit else "fitness")
+    steps.set(xlabel="step of polishing", ylabel=_in("fitness", unit))
     steps.xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
 
@@ -157,7 +162,7 @@ def fidelity_figure(
         if not both.size:
             both = np.zeros((2, 1))
         axes.plot(*[[both.min(), both.max()]] * 2, color=CABLE, linewidth=0.8, label="equal")
-        axes.set(xlabel=f"{names[-1]} ({unit})", ylabel=f"{names[k]} ({unit})")
+        axes.set(xlabel=_in(names[-1], unit), ylabel=_in(names[k], unit))
         # two lines, since one of its own width would run into the next title
         known = f"rank correlation: {ranked(every[k, -1])}\namong evolved gaits: {ranked(among[k, -1])}"
         axes.set_title(known)
@@ -180,11 +185,12 @@ def robust_figure(gaits: dict[str, np.ndarray], unit: str) -> Figure:
             histtype="step",
             linewidth=1.6,
             color=colour,
-            label=f"{name}: {significant(float(each.mean()))} {unit}, standard deviation {each.std():.2g}",
+            label=f"{name}: {' '.join([significant(float(each.mean())), *unit.split()])}, standard deviation "
+            f"{each.std():.2g}",
         )
         axes.axvline(each.mean(), color=colour, linestyle=":")
     axes.set(
-        xlabel=f"objective ({unit})" if unit else "objective",
+        xlabel=_in("objective", unit),
         ylabel="share of the robots",
         title="what perturbed robots reach",
     )

@@ -15,6 +15,7 @@ from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.forces import forces_along
 from jaxgrity.report.style import SLACK, STRUT, TENSION
+from jaxgrity.statics.stiffness import all_edges
 from jaxgrity.stepping.simulate import Trajectory, centre_path, frame_times, some_frames
 
 STRUT_RADIUS, CABLE_RADIUS, NODE_RADIUS, FORCE_RADIUS = 0.014, 0.006, 0.022, 0.012
@@ -99,7 +100,7 @@ def robot_poses(scene: Scene, trajectory: Trajectory, frame_rate: float, offset:
     radius, colours, largest = _member_looks(scene, forces.tension, size)
     return RobotPoses(
         np.asarray(trajectory.times, float),
-        _members(scene, q, radius),
+        _bars(all_edges(scene.structure), q, radius),
         _bars(lines_between_points(scene.structure.bodies), q, STRUT_RADIUS * size),
         colours,
         q,
@@ -125,11 +126,6 @@ def check_motion(trajectory: Trajectory) -> None:
     if not finite.all():
         since = float(trajectory.times[finite.argmin()])
         raise InputError(f"the motion is not finite from t = {since:g} s on: expected one that is")
-
-
-def _members(scene: Scene, q: np.ndarray, radius: np.ndarray) -> Rods:
-    kinds = (scene.structure.struts, scene.structure.cables)
-    return _bars([edge for kind in kinds if kind is not None for edge in kind.edges], q, radius)
 
 
 def _bars(edges: Sequence[tuple[int, int]], q: np.ndarray, radius: np.ndarray | float) -> Rods:

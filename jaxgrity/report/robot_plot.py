@@ -127,13 +127,18 @@ def still_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     flat = np.maximum(0.1 * np.max(high - low) - (high - low), 0)  # a box without depth cannot be drawn
     low, high = low - flat / 2, high + flat / 2
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    x, y = path[-1, :2] - path[0, :2]
-    axes.view_init(elev=25, azim=float(np.degrees(np.arctan2(y, x))) - 75)
+    axes.view_init(elev=25, azim=side_view(path))
     axes.set_axis_off()
-    moved = significant(float(np.hypot(x, y)), 2)
+    moved = significant(float(np.hypot(*(path[-1] - path[0])[:2])), 2)
     axes.set_title(f"{float(trajectory.times[0]):g} s (pale) to {float(trajectory.times[-1]):g} s: {moved} m")
     axes.set_box_aspect(high - low, zoom=_zoom_that_fits(axes, high - low, shown))
     return figure
+
+
+def side_view(centre: np.ndarray) -> float:
+    """The azimuth, in degrees, with the motion of a centre (frames, 3) across the picture."""
+    x, y = (centre[-1] - centre[0])[:2]
+    return float(np.degrees(np.arctan2(y, x))) - 75
 
 
 def _zoom_that_fits(axes: Axes3D, sides: np.ndarray, points: np.ndarray) -> float:
@@ -151,12 +156,18 @@ def _zoom_that_fits(axes: Axes3D, sides: np.ndarray, points: np.ndarray) -> floa
     return zoom
 
 
-def _kinds_of_members(structure: Structure) -> list[tuple[str, Members]]:
-    """Struts and cables, by name. Raises `InputError` where there are neither."""
-    kinds = [(name, each) for name, each in (("struts", structure.struts), ("cables", structure.cables)) if each]
+def _panels_of_members(structure: Structure) -> tuple[Figure, list[tuple[Axes, str, Members, int]]]:
+    """A figure with a panel for struts and one for cables: their names, members, and number of the first member.
+
+    Raises `InputError` where there are neither.
+    """
+    kinds = [(name, m) for name, m in (("struts", structure.struts), ("cables", structure.cables)) if m is not None]
     if not kinds:
         raise InputError("the structure has no members; expected some, to draw a figure of")
-    return kinds
+    figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")
+    panels = figure.subplots(len(kinds), 1, squeeze=False)[:, 0]
+    firsts = {"struts": 0, "cables": structure.first_cable}
+    return figure, [(axes, name, m, firsts[name]) for axes, (name, m) in zip(panels, kinds)]
 
 
 def _lines_of_members(axes: Axes, times: np.ndarray, rows: np.ndarray, members: Members) -> list[Line2D]:
@@ -173,10 +184,8 @@ def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     """Length of every member against time, with the actuated members' rest lengths as dashed lines."""
     scene = driven(scene, trajectory)
     q, times = np.asarray(trajectory.positions), np.asarray(trajectory.times)
-    kinds = _kinds_of_members(scene.structure)
-    figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")
-    first = 0
-    for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):
+    figure, panels = _panels_of_members(scene.structure)
+    for axes, name, members, first in panels:
         lengths = np.array([built_lengths(members, x) for x in q])
         rest = np.asarray(rest_lengths_along(members, scene.gait, with_room(times, q.shape[1]), first))[: len(times)]
         lines, dashed = _lines_of_members(axes, times, lengths, members), ""
@@ -186,7 +195,6 @@ def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
                 dashed = ", dashed: rest length"
                 axes.plot(times, rest[:, k], "--", linewidth=1, color=line.get_color(), alpha=0.7)
         axes.set(xlabel="time (s)", ylabel="length (m)", title=f"{name}{dashed}")
-        first += len(members.edges)
     return figure
 
 
@@ -194,16 +202,13 @@ def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
 def force_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     """Force in every member against time, N, tension positive; slack cables are those at zero."""
     forces, times = forces_along(scene, trajectory).tension, np.asarray(trajectory.times)
-    kinds = _kinds_of_members(scene.structure)
-    figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")
-    first = 0
-    for axes, (name, members) in zip(figure.subplots(len(kinds), 1, squeeze=False)[:, 0], kinds):
+    figure, panels = _panels_of_members(scene.structure)
+    for axes, name, members, first in panels:
         rows = forces[:, first : first + len(members.edges)]
         _lines_of_members(axes, times, rows, members)
         pulls = rows > ROUNDING * np.abs(forces).max(initial=0)
         slack = f", {np.mean(~pulls):.0%} of the time slack" if name == "cables" else ""
         axes.set(xlabel="time (s)", ylabel="tension (N)", title=f"{name}{slack}")
-        first += len(members.edges)
     return figure
 
 
@@ -230,7 +235,7 @@ def energy_figure(audit: EnergyAudit) -> Figure:
 @styled
 @typed
 def gait_figure(gait: Gait, duration: float | None = None, motion: Rolling | None = None, begin: float = 0.0) -> Figure:
-    """Rest lengths of the actuated members over time, as shares of the built ones; below, the support faces.
+    """Rest lengths of the actuated members over time, as shares of the full ones; below, the support faces.
 
     Two periods from the gait's full amplitude on, or all from `begin` to `duration`, s, where given; `motion`, with the
     names of the faces, belongs to that.
@@ -250,7 +255,7 @@ def gait_figure(gait: Gait, duration: float | None = None, motion: Rolling | Non
         ylabel="member", yticks=range(0, rows, every), yticklabels=gait.members[::every], title="rest lengths"
     )
     panels[0].grid(False)
-    figure.colorbar(picture, ax=list(panels), label="share of the built length")
+    figure.colorbar(picture, ax=list(panels), label="share of the full rest length")
     if motion is not None:
         _draw_supports(panels[1], motion, begin, end)
     panels[-1].set(xlabel="time (s)", xlim=(begin, end))

@@ -14,7 +14,7 @@ from PIL import Image
 from jaxgrity.core.display import significant
 from jaxgrity.model.scene import Scene
 from jaxgrity.report.poses import robot_size
-from jaxgrity.report.robot_plot import draw_robot, drawn_lines
+from jaxgrity.report.robot_plot import draw_robot, drawn_lines, side_view
 from jaxgrity.report.style import GROUND, PATH, styled
 from jaxgrity.stepping.simulate import Trajectory, centre_path
 
@@ -180,9 +180,3 @@ def caption(times: np.ndarray, centre: np.ndarray, k: int) -> str:
     """Time and horizontal distance from the start, in saved frame `k`."""
     distance = np.hypot(*(centre[k] - centre[0])[:2])
     return f"t = {times[k]:.1f} s, {significant(float(distance), 2)} m from the start"
-
-
-def side_view(centre: np.ndarray) -> float:
-    """The azimuth, in degrees, with the motion across the picture."""
-    x, y = (centre[-1] - centre[0])[:2]
-    return float(np.degrees(np.arctan2(y, x))) - 75

@@ -104,12 +104,7 @@ class _Robots(NamedTuple):
 
 
 def _over_robots(
-    scene: Scene,
-    uncertainty: Uncertainty,
-    step: float,
-    cycle: float | None,
-    seed: int,
-    on_progress: Callable[[], None],
+    scene: Scene, uncertainty: Uncertainty, step: float, cycle: float | None, seed: int, on_progress: Callable[[], None]
 ) -> _Robots:
     """Perturbed robots on the own model and on its contact twin, for a minute."""
     coarse, fine = (

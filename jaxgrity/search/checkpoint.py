@@ -93,12 +93,7 @@ def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) 
     if resume:
         if found is None:
             raise InputError(f"{folder}: has no run; expected one to resume")
-        before = found["settings"]
-        differ = [
-            f"{name} = {before.get(name)}, not {value}" for name, value in settings.items() if before.get(name) != value
-        ]
-        if differ:
-            raise InputError(f"{folder}: its run has {', '.join(differ)}; expected the same to resume it")
+        check_same_settings(folder, found["settings"], settings)
         return Checkpoint(folder, load_states(folder))
     if _unfinished(found) and not restart and load_states(folder):
         raise InputError(f"{folder}: holds an unfinished run; expected resume, restart or another folder")
@@ -106,6 +101,13 @@ def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) 
         left.unlink(missing_ok=True)
     save_json(folder / SETTINGS, {"settings": settings, "done": False})
     return Checkpoint(folder, ())
+
+
+def check_same_settings(folder: Path, before: dict[str, Any], now: dict[str, Any]) -> None:
+    """Raise `InputError` where the run in a folder that is to be resumed has had other settings."""
+    differ = [f"{name} = {before.get(name)}, not {value}" for name, value in now.items() if before.get(name) != value]
+    if differ:
+        raise InputError(f"{folder}: its run has {', '.join(differ)}; expected the same to resume it")
 
 
 def _run_in(folder: Path) -> dict[str, Any] | None:

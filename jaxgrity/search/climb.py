@@ -11,6 +11,7 @@ import numpy as np
 import optax
 from jaxtyping import Float
 
+from jaxgrity.core.elementwise import rows_where
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.populations.population import one_gait
@@ -102,12 +103,8 @@ def _moved(optimiser: optax.GradientTransformation, genome: Genome, gradient: Gr
     """Every row of genes one step on; rows without a gradient stay."""
     update, after = jax.vmap(optimiser.update)(gradient.mean / jnp.reshape(gradient.scale, (-1, 1)), state)
     moves = jnp.any(gradient.mean != 0, axis=1)
-
-    def kept(new, old):
-        return jnp.where(moves.reshape(-1, *[1] * (jnp.ndim(new) - 1)), new, old)
-
     # angles go on beyond a turn, so that their mean is one
-    return kept(genome.bounded(x + update), x), jax.tree.map(kept, after, state)
+    return rows_where(moves, (genome.bounded(x + update), after), (x, state))
 
 
 def one_period(gait: Gait) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
-from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.types import AnyArray, PerGait
 
 OPTIMISERS = ("genetic", "cma-es")
@@ -36,8 +36,7 @@ class Asked(NamedTuple):
 
 def check_optimiser(name: str) -> None:
     """Raise `InputError` for an unknown optimiser, or one without its extra."""
-    if name not in OPTIMISERS:
-        raise InputError(f"optimiser = {name!r}: {unknown(name, OPTIMISERS)}; expected one of {', '.join(OPTIMISERS)}")
+    check_known("optimiser", name, OPTIMISERS)
     if name == "cma-es":
         _algorithms()
 

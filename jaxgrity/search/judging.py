@@ -71,17 +71,21 @@ class Fitness(eqx.Module):
 
         Of `differences`, those of masses and rest lengths count; None: all robots are that of the scene.
         """
-        told = lambda robot: (robot.mass, actuated_lengths(robot, gaits.members))  # noqa: E731
-        mass, lengths = told(scene.structure)
-        if differences is not None:
-            counts = ("node_mass", "cable_rest_length", "strut_rest_length")
-            own = Differences(**{name: getattr(differences, name) for name in counts})
-            if jax.tree.leaves(own):
-                mass, lengths = jax.vmap(lambda row: told(differing(scene, row).structure))(own)
+        mass, lengths = masses_and_lengths(scene, gaits, differences)
         worth = self.objective.worth(scene, outcomes, duration)
         if self.objective.per_mass:
             worth = worth * (scene.structure.mass / mass)
         return worth, self.bounds.excess(peak_rates(gaits, lengths).max(-1), outcomes.metrics)
+
+
+def masses_and_lengths(scene: Scene, gaits: Gait, differences: Differences | None) -> tuple[AnyArray, AnyArray]:
+    """Mass, kg, and rest lengths of the actuated members, m, of the scene's robot, or of each that differs in them."""
+    told = lambda robot: (robot.mass, actuated_lengths(robot, gaits.members))  # noqa: E731
+    counts = ("node_mass", "cable_rest_length", "strut_rest_length")
+    own = None if differences is None else Differences(**{name: getattr(differences, name) for name in counts})
+    if not jax.tree.leaves(own):
+        return told(scene.structure)
+    return jax.vmap(lambda row: told(differing(scene, row).structure))(own)
 
 
 @typed

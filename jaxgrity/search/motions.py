@@ -17,7 +17,7 @@ from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.judging import Fitness, ensembles_rolled_out, standard_error
 from jaxgrity.search.models import model_of
 from jaxgrity.search.objectives import SteadySpeed
-from jaxgrity.search.paths import SETTLING, parts_of, path_bend, steady_velocity, whole_cycles
+from jaxgrity.search.paths import MOMENTS, SETTLING, parts_of, path_bend, steady_velocity, whole_cycles
 from jaxgrity.stepping.options import Options
 
 
@@ -97,11 +97,11 @@ def robot_motions(
     model = model_of(scene, duration, options)
     fitness = Fitness(SteadySpeed(), uncertainty, robots)
     *_, outcomes = ensembles_rolled_out(
-        jax.random.key(seed), model, as_population(scene.gait), duration, fitness, parts, False
+        jax.random.key(seed), model, as_population(scene.gait), duration, fitness, MOMENTS * parts, False
     )
     outcomes = jax.tree.map(lambda x: x[: fitness.rollouts], outcomes)
     held, size = np.asarray(outcomes.failure) == 0, float(body_length(scene))
-    speed, bend = (np.asarray(each, float) for each in _path_bend(scene, outcomes, np.asarray(duration)))
+    speed, bend = (np.asarray(each, float) for each in _path_bend(scene, outcomes, np.asarray(duration), MOMENTS))
     velocity = np.nan_to_num(np.asarray(steady_velocity(outcomes, np.asarray(duration)), float))
     return RobotMotions(np.where(held, size * speed, 0.0), velocity, np.where(held, bend, np.nan))
 

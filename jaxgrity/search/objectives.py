@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.arguments import check_number
-from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.types import PerGait, Scalar
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.populations.metrics import Metrics, cost_of_transport
@@ -206,8 +206,7 @@ def register_objective(name: str, kind: type[Objective]) -> type[Objective]:
 
 def find_objective(name: str) -> type[Objective]:
     """The objective with this name. Raises `InputError` if there is none."""
-    if name not in OBJECTIVES:
-        raise InputError(f"objective = {name!r}: {unknown(name, OBJECTIVES)}; expected one of {', '.join(OBJECTIVES)}")
+    check_known("objective", name, OBJECTIVES)
     return OBJECTIVES[name]
 
 

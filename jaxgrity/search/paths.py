@@ -20,6 +20,10 @@ SETTLING = 0.25
 LONGEST_PART = 2.5
 """Longest time between two looks at a path, s for a body of one metre. In that time a path must turn by less than half
 a circle."""
+MOMENTS = 7
+"""Number of moments in each part from which paths that turn are measured. From a single one of each cycle the speed
+depends on the moment, as the robot sways towards the centre of its circle. A prime number of moments averages all
+swaying that is not as quick as they are."""
 QUARTERS = 4
 """Factor of the number of parts, so that one part ends where `SETTLING` does."""
 
@@ -46,21 +50,27 @@ def whole_cycles(scene: Scene, duration: float, cycle: float) -> tuple[int, floa
 
 
 @typed
-def path_bend(scene: Scene, outcomes: Outcomes, duration: Scalar) -> tuple[PerGait, PerGait]:
+def path_bend(scene: Scene, outcomes: Outcomes, duration: Scalar, moments: int = 1) -> tuple[PerGait, PerGait]:
     """Speed along the path, body lengths/s, and its bend, rad per body length to the left, of the settled part.
 
     The path is made of arcs that turn alike. They go through the centre of mass at the ends of the parts of the time.
     An arc that turns by a has a chord of its length times sin(a/2)/(a/2). On a slope it is looked at along that. How a
-    robot sways counts too, but where parts are whole numbers of cycles. `duration` is in s.
+    robot sways counts too, but where parts are whole numbers of cycles, and of several `moments`, of which outcomes
+    have so many in each part, the mean counts. `duration` is in s.
     """
-    steps = jnp.diff(_settled(_along_ground(scene, outcomes.com_path)), axis=1)
-    chords = jnp.sqrt(jnp.sum(steps * steps, axis=2)).sum(1) / body_length(scene)
-    a, b = steps[:, :-1], steps[:, 1:]
-    turned = jnp.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], jnp.sum(a * b, axis=2)).sum(1)
-    count = steps.shape[1]
-    of_each = turned / (count - 1)
-    length = chords / jnp.sinc(of_each / (2 * jnp.pi))
+    path = _settled(_along_ground(scene, outcomes.com_path))
+    steps, count = path[:, moments:] - path[:, :-moments], (path.shape[1] - 1) // moments
+    chord = _over_moments(jnp.sqrt(jnp.sum(steps * steps, axis=2)), moments) / body_length(scene)
+    a, b = steps[:, :-moments], steps[:, moments:]
+    turned = jnp.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], jnp.sum(a * b, axis=2))
+    of_each = _over_moments(turned, moments)
+    length = count * chord / jnp.sinc(of_each / (2 * jnp.pi))
     return length / (duration * (1 - SETTLING)), of_each * count / jnp.maximum(length, 1e-3)
+
+
+def _over_moments(each: Float[AnyArray, "population places"], moments: int) -> PerGait:
+    """The mean over the moments of a part of the means over parts."""
+    return jnp.stack([each[:, k::moments].mean(1) for k in range(moments)]).mean(0)
 
 
 def path_size(scene: Scene, outcomes: Outcomes) -> PerGait:

@@ -26,6 +26,7 @@ from jaxgrity.search.genome import Genome
 from jaxgrity.search.judging import Judging, Scores, judge
 from jaxgrity.search.objectives import INSIDE
 from jaxgrity.search.polish_config import PolishConfig, judges_of_a_step
+from jaxgrity.search.search_config import with_longest_cables
 from jaxgrity.stepping.options import ResolvedOptions
 
 TANGENT = 3.5
@@ -147,13 +148,15 @@ def _row(gaits: Gait) -> Gait:
 def _within_rate(problem: SearchProblem, before: OneGait, genes: OneGait) -> OneGait:
     """Genes brought back along the gradient of the largest rate, to where no robot passes the bound on it.
 
-    Robots whose amplitudes are off leave less than the bound; a gait that began beyond that may stay as it is.
+    Robots whose amplitudes or cables are off leave less than the bound; a gait that began beyond that may stay as it
+    is.
     """
     genome, fitness = problem.genome, problem.fitness
     if fitness.bounds.rate is None:
         return np.asarray(genome.bounded(jnp.asarray(genes)))
     least = INSIDE * fitness.bounds.rate / (1 + fitness.uncertainty.actuation)
-    return np.asarray(_brought_back(problem.scene, genome, least, jnp.asarray(before), jnp.asarray(genes)))
+    longest = with_longest_cables(problem.scene, fitness.uncertainty)
+    return np.asarray(_brought_back(longest, genome, least, jnp.asarray(before), jnp.asarray(genes)))
 
 
 @eqx.filter_jit

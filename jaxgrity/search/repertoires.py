@@ -17,11 +17,11 @@ from jaxgrity.core.arguments import check_count, check_each, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait
-from jaxgrity.model.actuation import actuated_lengths, peak_rates
+from jaxgrity.model.actuation import peak_rates
 from jaxgrity.populations.population import Outcomes
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genes
-from jaxgrity.search.judging import ensembles_rolled_out
+from jaxgrity.search.judging import ensembles_rolled_out, masses_and_lengths, without_measuring
 from jaxgrity.search.models import Model, model_of
 from jaxgrity.search.paths import parts_of, path_bend, path_size
 from jaxgrity.stepping.options import Options
@@ -103,8 +103,8 @@ def repertoire(
 ) -> Repertoire:
     """Fill cells of speed and bend with gaits, each with the one that differs least from robot to robot in both.
 
-    A gait is tried on the ensemble of the problem's fitness, whose objective does not count; its bound on rates does,
-    and a gait with a robot that fails has no place. All gaits of a round roll out in one call.
+    A gait is tried on the ensemble of the problem's fitness, whose objective does not count; its bound on rates does. A
+    gait with a robot beyond that, or with one that fails, has no place. All gaits of a round roll out in one call.
 
     Args:
         problem: scene, genome, duration (s), and fitness, whose uncertainty and robots count.
@@ -176,16 +176,17 @@ def _varied(
 
 
 def _tried(key, problem: SearchProblem, model: Model, genes: Genes) -> _Tried:
-    """What each gait does on its ensemble; NaN where a robot fails, or a rate is beyond its bound."""
-    scene, fitness = model.scene, problem.fitness
+    """What each gait does on its ensemble; NaN where a robot fails, or its rate is beyond the bound."""
+    scene, fitness = model.scene, without_measuring(problem.fitness)
     gaits = problem.genome.gaits(problem.scene.gait, np.asarray(genes, model.options.dtype))
-    rate = np.asarray(peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max(-1))
     parts, duration = parts_of(scene, gaits, problem.duration)
-    *_, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, False)
-    found = _path(scene, outcomes, np.asarray(duration, float))
-    speed, bend = (np.asarray(x)[: len(genes) * fitness.rollouts].reshape(len(genes), -1) for x in found)
-    within = rate <= (np.inf if fitness.bounds.rate is None else fitness.bounds.rate)
-    kept = np.where(within & np.isfinite(speed).all(1) & np.isfinite(bend).all(1), 1.0, np.nan)
+    robots, differences, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, False)
+    _, lengths = masses_and_lengths(scene, robots, differences)
+    beyond = fitness.bounds.excess(peak_rates(robots, lengths).max(-1), None)
+    found = (*_path(scene, outcomes, np.asarray(duration, float)), beyond)
+    rows = (np.asarray(x)[: len(genes) * fitness.rollouts].reshape(len(genes), -1) for x in found)
+    speed, bend, excess = rows
+    kept = np.where((excess == 0).all(1) & np.isfinite(speed).all(1) & np.isfinite(bend).all(1), 1.0, np.nan)
     return _Tried(genes, kept * speed.mean(1), kept * bend.mean(1), -kept * (speed.std(1) + bend.std(1)))
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.arguments import check_count, check_number, is_count
@@ -15,7 +16,7 @@ from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.symmetry import gene_permutations, standing_symmetries
 from jaxgrity.model.waves import travelling_waves
 from jaxgrity.orbits.finding import period_of
-from jaxgrity.populations.uncertainty import Uncertainty, check_strokes
+from jaxgrity.populations.uncertainty import Differences, Uncertainty, check_strokes, differing, slackened
 from jaxgrity.search.cma_es import fewest
 from jaxgrity.search.genetic_algorithm import GAConfig, SearchProblem
 from jaxgrity.search.genome import Genes, Genome
@@ -221,17 +222,30 @@ def genome_to_polish(problem: SearchProblem, genes: Genes, config: SearchConfig)
 
 
 def _quickest(scene: Scene, config: SearchConfig) -> tuple[float, ...]:
-    """The largest |dL/dt| / L0, 1/s, of each actuator, also of a robot whose amplitudes are as far off as can be.
+    """The largest |dL/dt| / L0, 1/s, of each actuator, with L0 of the scene's robot.
 
-    Empty without a bound on the rate.
+    A robot whose amplitudes and cables' rest lengths are as far off as can be keeps the bound too. Empty without a
+    bound on the rate.
     """
     if config.bounds.rate is None:
         return ()
     assert scene.gait is not None, "`search_problem` refuses a scene without a gait"
-    lengths = np.asarray(actuated_lengths(scene.structure, scene.gait.members), float)
+    longest = with_longest_cables(scene, config.uncertainty)
+    lengths = np.asarray(actuated_lengths(longest.structure, scene.gait.members), float)
     # no draw is at the end of its range; a certain amplitude is at the bound, where rounding would exceed it
     share = 1 / (1 + config.uncertainty.actuation) if config.uncertainty.actuation else INSIDE
     return tuple((config.bounds.rate * share / lengths).tolist())
+
+
+def with_longest_cables(scene: Scene, uncertainty: Uncertainty) -> Scene:
+    """The scene with each cable's rest length as large as uncertain prestress makes it on any robot.
+
+    Raises `InputError` if prestress is uncertain and the scene has no cables.
+    """
+    if not uncertainty.prestress:
+        return scene
+    factors = slackened(scene, jnp.array([[uncertainty.prestress], [-uncertainty.prestress]])).max(0)
+    return differing(scene, Differences(cable_rest_length=factors))
 
 
 def _check_frequency(gait: Gait, bounds: tuple[float, float] | None) -> None:

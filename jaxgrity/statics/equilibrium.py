@@ -58,10 +58,7 @@ class RestingShape(NamedTuple):
 
 @typed
 def resting_shape(
-    scene: Scene,
-    start: NodeVectors | None = None,
-    loads: NodeVectors | None = None,
-    tolerance: float | None = None,
+    scene: Scene, start: NodeVectors | None = None, loads: NodeVectors | None = None, tolerance: float | None = None
 ) -> RestingShape:
     """A minimum of U(q, 0) - sum f·x near `start`: the shape under given rest lengths, loads and supports.
 

@@ -55,11 +55,7 @@ def stress_matrix(force_density: PerMember, edges: Edges, nodes: int) -> scipy.s
 
 
 def statics_of(
-    nodes: NodeVectors,
-    edges: Edges,
-    fixed: Fixed | None = None,
-    tolerance: float = RANK,
-    bodies: Bodies = (),
+    nodes: NodeVectors, edges: Edges, fixed: Fixed | None = None, tolerance: float = RANK, bodies: Bodies = ()
 ) -> Statics:
     """Rank, states of self-stress and mechanisms of bars between `nodes`, m, from the singular values of A.
 
@@ -92,12 +88,7 @@ def group_average(self_stress: Columns, permutations: tuple[tuple[int, ...], ...
 
 
 def prestress(
-    nodes: NodeVectors,
-    struts: Edges,
-    cables: Edges,
-    tension: float,
-    fixed: Fixed | None = None,
-    bodies: Bodies = (),
+    nodes: NodeVectors, struts: Edges, cables: Edges, tension: float, fixed: Fixed | None = None, bodies: Bodies = ()
 ) -> PerMember:
     """Force densities, N/m, of the self-stress with the most evenly tight cables, the tightest with `tension`, N.
 

@@ -16,7 +16,7 @@ from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.equilibrium import resting_shape
 from jaxgrity.statics.form_finding import Statics, prestress_stable, statics_of, super_stable
 from jaxgrity.statics.stiffness import all_edges
-from jaxgrity.statics.strength import strength_of
+from jaxgrity.statics.strength import force_words, strength_of
 from jaxgrity.statics.vibrations import vibration_modes
 
 LARGEST = 1500
@@ -117,18 +117,13 @@ class StructureReport(NamedTuple):
             where = f"neutral: {self.loose} ways to move meet no resistance; {given}"
             if not np.any(self.forces):
                 where += "; no member carries force: give [cables] prestrain, or [structure] prestress"
-        kinds = {
-            "struts": self.forces[: self.structure.first_cable],
-            "cables": self.forces[self.structure.first_cable :],
-        }
-        forces = [f"{name} {f.min():.4g} to {f.max():.4g} N" for name, f in kinds.items() if f.size]
         margin = self.margins.min(initial=np.inf)
         words = {True: "yes", False: "no", None: ""}
         lowest = ", ".join(f"{f:.4g}" for f in self.frequencies[:SHOWN])
         return [
             ("states", static),
             ("equilibrium", where),
-            ("forces", f"{', '.join(forces)} (tension positive)"),
+            ("forces", force_words(self.structure, self.forces)),
             ("slack cables", ", ".join(map(str, self.slack)) or "none"),
             ("smallest margin", f"{margin:.4g}" if np.isfinite(margin) else ""),
             ("prestress stable", words[self.prestress_stable]),
@@ -213,8 +208,7 @@ def _densities(structure: Structure, shape: NodeVectors, forces: PerMember) -> t
 def _that_count(structure: Structure, forces: PerMember) -> PerMember:
     """The forces; those below `NOTHING`, which are rounding, are 0."""
     springs = as_springs(structure)[0]
-    kinds = [kind for kind in (springs.struts, springs.cables) if kind is not None]
-    stretch = np.concatenate([(np.asarray(kind.stiffness, float) * kind.rest_length).ravel() for kind in kinds])
+    stretch = np.concatenate([(np.asarray(m.stiffness, float) * m.rest_length).ravel() for m in springs.members])
     softest = stretch[stretch > 0].min(initial=np.inf)
     return np.where(np.abs(forces) > NOTHING * softest, forces, 0.0) if np.isfinite(softest) else forces
 

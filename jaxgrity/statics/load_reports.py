@@ -19,7 +19,7 @@ from jaxgrity.model.structure import Structure
 from jaxgrity.statics.equilibrium import resting_shape
 from jaxgrity.statics.load_paths import LoadPath, PathPoint
 from jaxgrity.statics.responses import static_response, tensions_at
-from jaxgrity.statics.strength import strength_of
+from jaxgrity.statics.strength import force_words, strength_of
 
 SLACK, YIELDS, BUCKLES = "goes slack", "yields", "buckles"
 """What happens to a member."""
@@ -78,14 +78,12 @@ class LoadReport(NamedTuple):
     def table(self) -> str:
         """The report in words, a line for each fact."""
         moved, held = (np.linalg.norm(x, axis=1) for x in (self.displacement, self.reactions))
-        weakest, first = int(np.argmin(self.margins)), self.structure.first_cable
+        weakest = int(np.argmin(self.margins))
         known = bool(np.isfinite(self.margins[weakest]))
-        kinds = {"struts": self.forces[:first], "cables": self.forces[first:]}
-        forces = [f"{kind} {f.min():.4g} to {f.max():.4g} N" for kind, f in kinds.items() if f.size]
         lines = [
             ("load case", self.name),
             ("displacement", f"up to {moved.max():.4g} m (node {int(moved.argmax())})"),
-            ("forces", f"{', '.join(forces)} (tension positive)"),
+            ("forces", force_words(self.structure, self.forces)),
             ("reactions", f"up to {held.max():.4g} N (node {int(held.argmax())})"),
             ("slack cables", ", ".join(map(str, self.slack)) or "none"),
             ("smallest margin", f"{self.margins[weakest]:.4g}, of {_member(self.structure, weakest)}" if known else ""),

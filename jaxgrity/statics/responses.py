@@ -16,13 +16,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import elastic_tensions
-from jaxgrity.statics.stiffness import (
-    free_coordinates,
-    free_motions,
-    stiffness_matrix,
-    unresisted_motions,
-    with_spring_struts,
-)
+from jaxgrity.statics.stiffness import motions_of, stiffness_matrix, with_spring_struts
 
 Loads = Float[AnyArray, "_ 3"]
 BALANCE = 1e-8
@@ -70,9 +64,7 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
     if f.shape != q.shape:
         raise InputError(f"loads has shape {f.shape}; expected {q.shape}, a force for each node")
     structure, K = scene.structure, stiffness_matrix(springs, q)
-    free = free_coordinates(len(q), structure.supported)
-    place = free_motions(q, structure.supported, structure.bodies)
-    rigid = place[free].T @ unresisted_motions(springs, q, K[free][:, free])
+    place, rigid = motions_of(springs, q, K)
     K, pull = sp.csc_array(place.T @ K @ place), place.T @ f.ravel()
     if not np.isfinite(f).all() or not pull.any():
         raise InputError("loads: expected finite numbers, and a load on a coordinate that no support holds")
@@ -91,7 +83,7 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
     tension, change = _both(scene, q, displacement)
     slackening = (np.arange(len(tension)) >= structure.first_cable) & (tension > 0) & (change < 0)
     margin = float((tension[slackening] / -change[slackening]).min(initial=np.inf))
-    return StaticResponse(displacement, change, float(pull @ u / np.sum(f.ravel()[free] ** 2)), margin)
+    return StaticResponse(displacement, change, float(pull @ u / np.sum(f[structure.free] ** 2)), margin)
 
 
 def tensions_at(scene: Scene, q: NodeVectors) -> np.ndarray:

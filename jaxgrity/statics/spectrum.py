@@ -37,7 +37,7 @@ class Spectrum(NamedTuple):
 
     def below(self, square: float) -> int:
         """The number of modes with a squared frequency below this one, 1/s^2."""
-        factor, momentum = _unpivoted(self.K - square * self.M), self.M @ self.rigid
+        factor, momentum = unpivoted(self.K - square * self.M), self.M @ self.rigid
         negative = int(np.sum(factor.U.diagonal() < 0))
         if not momentum.shape[1]:
             return negative
@@ -106,7 +106,8 @@ class Spectrum(NamedTuple):
         return float(found[0])
 
 
-def _unpivoted(A: sp.csc_array) -> spla.SuperLU:
+def unpivoted(A: sp.csc_array) -> spla.SuperLU:
+    """A factorisation L D L' of a symmetric matrix: the signs of D are those of its eigenvalues."""
     return spla.splu(
         sp.csc_matrix(A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )

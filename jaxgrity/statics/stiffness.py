@@ -23,6 +23,7 @@ from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.springs import as_springs
 from jaxgrity.model.structure import Structure, member_vectors, onto_nodes
+from jaxgrity.statics.spectrum import unpivoted
 
 Fixed = Bool[AnyArray, "nodes 3"]
 """Whether supports hold each coordinate of each node."""
@@ -36,7 +37,7 @@ SEPARABLE = 1e-6
 
 def all_edges(structure: Structure) -> Edges:
     """The members' nodes in the order of their numbers: struts first, then cables."""
-    return tuple(edge for m in (structure.struts, structure.cables) if m is not None for edge in m.edges)
+    return tuple(edge for m in structure.members for edge in m.edges)
 
 
 def incidence(edges: Edges, nodes: int) -> sp.csr_array:
@@ -47,10 +48,7 @@ def incidence(edges: Edges, nodes: int) -> sp.csr_array:
 
 
 def with_spring_struts(scene: Scene, stiff: float | None = None) -> Scene:
-    """The scene with stiff springs for rigid struts, as `as_springs` has them.
-
-    Raises `InputError` where its ground is exact contact.
-    """
+    """The scene with stiff springs for rigid struts (`as_springs`). Raises `InputError` on exact contact."""
     if scene.ground is not None and scene.ground.impulsive:
         raise InputError("statics needs forces, and exact contact has none; expected penalty contact, or no ground")
     return dataclasses.replace(scene, structure=as_springs(scene.structure, stiff)[0])
@@ -221,14 +219,20 @@ def unresisted_motions(scene: Scene, q: NodeVectors, K: sp.csc_array) -> np.ndar
     return rigid @ turned[:, np.abs(resistance) <= UNRESISTED * abs(K).max()]
 
 
+def motions_of(scene: Scene, q: NodeVectors, K: sp.csc_array) -> tuple[sp.csc_array, np.ndarray]:
+    """`free_motions`, and in these `unresisted_motions`; `K` is that of all coordinates."""
+    structure = scene.structure
+    place, free = free_motions(q, structure.supported, structure.bodies), free_coordinates(len(q), structure.supported)
+    return place, place[free].T @ unresisted_motions(scene, q, K[free][:, free])
+
+
 def factor_if_definite(A: sp.csc_array) -> spla.SuperLU | None:
     """A sparse factorisation of the symmetric `A` where all its eigenvalues are positive, else None.
 
     Without pivoting, A = L D L', and by Sylvester's law of inertia the signs of D are those of the eigenvalues.
     """
     try:
-        options = {"SymmetricMode": True}
-        found = spla.splu(sp.csc_matrix(A), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+        found = unpivoted(A)
     except RuntimeError:  # exactly singular
         return None
     pivoted = not np.array_equal(found.perm_r, found.perm_c)

@@ -25,11 +25,18 @@ class Strength(NamedTuple):
         return np.where(forces > 0, above, np.where(forces < 0, below, np.inf))
 
 
+def force_words(structure: Structure, forces: PerMember) -> str:
+    """The least and the largest force of struts and of cables, N, in words."""
+    first = structure.first_cable
+    kinds = {"struts": forces[:first], "cables": forces[first:]}
+    words = [f"{kind} {f.min():.4g} to {f.max():.4g} N" for kind, f in kinds.items() if f.size]
+    return f"{', '.join(words)} (tension positive)"
+
+
 def strength_of(structure: Structure, q: NodeVectors) -> Strength:
     """Yield forces, and for struts pi^2 EI/l^2 with their lengths at `q`, m."""
-    kinds = [members for members in (structure.struts, structure.cables) if members is not None]
-    none = [np.full(len(members.edges), np.inf) for members in kinds]
-    yields = np.concatenate([x if m.yield_force is None else np.asarray(m.yield_force) for m, x in zip(kinds, none)])
+    known = [(len(m.edges), np.inf if m.yield_force is None else np.asarray(m.yield_force)) for m in structure.members]
+    yields = np.concatenate([np.broadcast_to(force, count) for count, force in known])
     euler, struts = np.full(len(yields), np.inf), structure.struts
     if struts is not None and struts.bending_stiffness is not None:
         euler[: len(struts.edges)] = (

@@ -13,14 +13,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerRow, Times
 from jaxgrity.model.scene import Scene
 from jaxgrity.statics.spectrum import Spectrum
-from jaxgrity.statics.stiffness import (
-    free_coordinates,
-    free_motions,
-    sparse_mass_matrix,
-    stiffness_matrix,
-    unresisted_motions,
-    with_spring_struts,
-)
+from jaxgrity.statics.stiffness import motions_of, sparse_mass_matrix, stiffness_matrix, with_spring_struts
 
 ROUNDING = 1e-9
 """Squared frequencies below this share of the largest are errors of the shape and of arithmetic."""
@@ -128,10 +121,8 @@ def frequency_range(scene: Scene, q: NodeVectors, unreal: int = 0) -> FrequencyR
 
 def _spectrum(scene: Scene, q: np.ndarray) -> tuple[sp.csc_array, Spectrum]:
     """The free motions as columns, and stiffness, mass and rigid motions in these."""
-    structure = scene.structure
-    place, free = free_motions(q, structure.supported, structure.bodies), free_coordinates(len(q), structure.supported)
-    K, M = stiffness_matrix(scene, q), sparse_mass_matrix(structure)
-    rigid = place[free].T @ unresisted_motions(scene, q, K[free][:, free])
+    K, M = stiffness_matrix(scene, q), sparse_mass_matrix(scene.structure)
+    place, rigid = motions_of(scene, q, K)
     return place, Spectrum(sp.csc_array(place.T @ K @ place), sp.csc_array(place.T @ M @ place), rigid)
 
 

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.elementwise import rows_where
 from jaxgrity.core.primitives import length
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, Scalar, State
 from jaxgrity.model.capsules import Capsules, Nearest, nearest
@@ -73,7 +74,7 @@ def touching_points(scene: Scene, h: Scalar, start: State) -> TouchingPoints:
     followed = jnp.where(last.found & ~elsewhere, last.distance, first.distance)
     on_time = _Planes(first._replace(distance=followed), jnp.zeros_like(share))
     kept = held & ~(elsewhere & (rows.leaning != 0))
-    return _pairs(_chosen(kept, on_time, late), late._replace(near=late.near._replace(found=elsewhere)))
+    return _pairs(rows_where(kept, on_time, late), late._replace(near=late.near._replace(found=elsewhere)))
 
 
 class _Planes(NamedTuple):
@@ -112,10 +113,6 @@ def _rows(scene: Scene, h: Scalar, start: State) -> _Rows:
     leanings = jnp.asarray(np.array([0, LEANING, -LEANING])[leaning], dtype)
     surface = cast(Surface, ground.surface)
     return _Rows(surface, q[i], q[j], (way[i], way[j]), edges, leanings, capsules.radius[strut])
-
-
-def _chosen(which: AnyArray, one: _Planes, other: _Planes) -> _Planes:
-    return jax.tree.map(lambda x, y: jnp.where(which.reshape(-1, *[1] * (x.ndim - 1)), x, y), one, other)
 
 
 def _pairs(planes: _Planes, elsewhere: _Planes) -> TouchingPoints:

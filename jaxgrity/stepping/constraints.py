@@ -8,14 +8,7 @@ from typing import Any, NamedTuple, cast
 
 import jax.numpy as jnp
 
-from jaxgrity.core.primitives import (
-    accumulate,
-    edge_vectors,
-    inverse,
-    length,
-    over,
-    scale,
-)
+from jaxgrity.core.primitives import accumulate, edge_vectors, inverse, length, over, scale
 from jaxgrity.core.types import MemberVectors, NodeVectors, PerMember, PerNode, PerRow, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.ground import ExactGround

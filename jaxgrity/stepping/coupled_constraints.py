@@ -77,7 +77,7 @@ def constraints_of(
     return Constraints(
         own,
         start[nodes],
-        jnp.asarray(_carried(scene, _signs(scene)), q.dtype),
+        jnp.asarray(_carried(scene, signs_of_ends(scene)), q.dtype),
         apart,
         goal,
         *_contacts(scene, h, state, touching),
@@ -116,7 +116,7 @@ def velocities_of_all(scene: Scene, h: Scalar, q: NodeVectors, w: NodeVectors) -
     return following(bodies, w) + (following(bodies, q) - q) / h
 
 
-def _signs(scene: Scene) -> np.ndarray:
+def signs_of_ends(scene: Scene) -> np.ndarray:
     """(struts, all nodes): 1 and -1 at the ends of what keeps its length."""
     edges = np.array(rigid_pairs(scene), int).reshape(-1, 2)
     signs, rows = np.zeros((len(edges), len(scene.structure.nodes))), np.arange(len(edges))

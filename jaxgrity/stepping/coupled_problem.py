@@ -101,14 +101,19 @@ def response(problem: Coupled, u: MemberVectors) -> tuple[AnyArray, AnyArray, An
         return J, jnp.zeros((0, 0), J.dtype), problem.A
     AJ = problem.A @ J.T
     own = J @ AJ
+    inverse = inverse_of_responses(own)
+    return J, inverse, problem.A - AJ @ inverse @ AJ.T
+
+
+def inverse_of_responses(own: AnyArray) -> AnyArray:
+    """The inverse of J A J^T, (struts, struts); where struts are redundant, that of a matrix near it."""
     # to a diagonal of 1, so that the ridge is the same share of the response of every strut, light or heavy;
     # in float32 rounding is more than `REDUNDANT`
     answer = jnp.diagonal(own)
     # a strut between supports answers nothing, and has no impulse
-    scale = jnp.where(answer > 0, 1 / jnp.sqrt(jnp.maximum(answer, jnp.finfo(J.dtype).tiny)), 0)
-    ridge = max(REDUNDANT, 10 * float(jnp.finfo(J.dtype).eps)) * jnp.eye(len(J), dtype=J.dtype)
-    inverse = inverse_of(own * scale[:, None] * scale + ridge) * scale[:, None] * scale
-    return J, inverse, problem.A - AJ @ inverse @ AJ.T
+    scale = jnp.where(answer > 0, 1 / jnp.sqrt(jnp.maximum(answer, jnp.finfo(own.dtype).tiny)), 0)
+    ridge = max(REDUNDANT, 10 * float(jnp.finfo(own.dtype).eps)) * jnp.eye(len(own), dtype=own.dtype)
+    return inverse_of(own * scale[:, None] * scale + ridge) * scale[:, None] * scale
 
 
 def strut_directions(problem: Coupled, w: NodeVectors | None = None) -> MemberVectors:

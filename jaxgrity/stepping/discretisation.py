@@ -108,9 +108,8 @@ def even_step(dt: Scalar, duration: Scalar) -> Scalar:
 def _bends(scene: Scene) -> list[AnyArray]:
     """s: when laws, motors and supports begin, end, or bend otherwise."""
     found = [term.bends() for term in scene.terms if type(term).bends is not Law.bends]
-    for members in (scene.structure.struts, scene.structure.cables):
-        motors = () if members is None else members.motors
-        found += [bends_of(motor, members.rest_length[motor.member]) for motor in motors]  # type: ignore[union-attr]
+    for members in scene.structure.members:
+        found += [bends_of(motor, members.rest_length[motor.member]) for motor in members.motors]
     return found if scene.shaking is None else [*found, scene.shaking.bends()]
 
 
@@ -135,8 +134,7 @@ def state_failure(scene: Scene, q: NodeVectors, v: NodeVectors):
     """1 where the state is not finite, 2 where a member is `TORN` times its built length, else 0."""
     finite = jnp.all(jnp.isfinite(q)) & jnp.all(jnp.isfinite(v))
     torn = jnp.zeros((), bool)
-    for members in (scene.structure.struts, scene.structure.cables):
-        if members is not None:
-            built = length(edge_vectors(scene.structure.nodes, members.edges))
-            torn |= jnp.any(length(edge_vectors(q, members.edges)) > TORN * built)
+    for members in scene.structure.members:
+        built = length(edge_vectors(scene.structure.nodes, members.edges))
+        torn |= jnp.any(length(edge_vectors(q, members.edges)) > TORN * built)
     return jnp.where(finite, jnp.where(torn, 2, 0), 1)

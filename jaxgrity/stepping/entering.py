@@ -77,11 +77,7 @@ def where_met(ground: ExactGround, size: Scalar, h: Scalar, q: NodeVectors, v: N
 
 
 def _followed(
-    surface: Surface,
-    size: Scalar,
-    start: Coordinates,
-    way: Coordinates,
-    entry: PerNode | float = 1.0,
+    surface: Surface, size: Scalar, start: Coordinates, way: Coordinates, entry: PerNode | float = 1.0
 ) -> list[PerNode]:
     """The normal where nodes touch a curved face first, its distance, and the share of their ways at which they do.
 

@@ -8,7 +8,7 @@ import diffrax
 import numpy as np
 import optimistix
 
-from jaxgrity.core.errors import InputError, unknown
+from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.typed import typed
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.coupled_stepping import CoupledImpulses
@@ -72,8 +72,7 @@ def find_method(name: str) -> Method:
     if name in ALIASES:
         warnings.warn(f"method {name!r} is now called {ALIASES[name]!r}", FutureWarning, stacklevel=2)
         name = ALIASES[name]
-    if name not in METHODS:
-        raise InputError(f"method = {name!r}: {unknown(name, METHODS)}; expected one of {', '.join(METHODS)}")
+    check_known("method", name, METHODS)
     return METHODS[name]
 
 

@@ -9,9 +9,7 @@ doi:10.1016/0045-7825(72)90018-7). A method keeps its order, and the distances a
 """
 
 import jax.numpy as jnp
-import numpy as np
 
-from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import accumulate, dot, edge_vectors, scale
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, Scalar, State
 from jaxgrity.model.inertia import accelerations, mobility
@@ -19,7 +17,8 @@ from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import with_supports
-from jaxgrity.stepping.coupled_problem import REDUNDANT
+from jaxgrity.stepping.coupled_constraints import signs_of_ends
+from jaxgrity.stepping.coupled_problem import inverse_of_responses
 from jaxgrity.stepping.dynamics import vector_field
 
 RETURNS = 10.0
@@ -63,20 +62,12 @@ def _forces(scene: Scene, state: State, pulls: PerMember) -> NodeVectors:
 
 def _multipliers(scene: Scene, d: NodeVectors, wanted: PerMember) -> PerMember:
     """lambda, N/m, with J M^-1 J^T lambda = `wanted`; one of several solutions for dependent constraints."""
-    structure, edges = scene.structure, rigid_pairs(scene)
-    signs = np.zeros((len(edges), len(structure.nodes)))
-    for row, (i, j) in zip(signs, edges):
-        row[i], row[j] = 1, -1
-    signs = signs.astype(d.dtype)
+    structure, signs = scene.structure, signs_of_ends(scene).astype(d.dtype)
     if structure.coupled:
         own: AnyArray = mobility(structure) if structure.mobility is None else structure.mobility
         response: AnyArray = jnp.einsum("ei,ijk,fj,ek,fk->ef", signs, own, signs, d, d)
     else:
         response = (signs / structure.node_mass) @ signs.T * (d @ d.T)
-    answer = jnp.diagonal(response)
-    # a strut between supports answers nothing, and has no pull
-    size = jnp.where(answer > 0, 1 / jnp.sqrt(jnp.maximum(answer, jnp.finfo(d.dtype).tiny)), 0)
-    ridge = max(REDUNDANT, 10 * float(jnp.finfo(d.dtype).eps)) * jnp.eye(len(edges), dtype=d.dtype)
-    inverse = inverse_of(response * size[:, None] * size + ridge) * size[:, None] * size
+    inverse = inverse_of_responses(response)
     pulls = inverse @ wanted
     return pulls + inverse @ (wanted - response @ pulls)  # what the ridge left

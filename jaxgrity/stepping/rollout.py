@@ -32,12 +32,7 @@ class RolledOut(NamedTuple):
 
 @typed
 def rollout(
-    scene: Scene,
-    times: Times,
-    *,
-    start: State | None = None,
-    options: Options = None,
-    steps: int | None = None,
+    scene: Scene, times: Times, *, start: State | None = None, options: Options = None, steps: int | None = None
 ) -> RolledOut:
     """Simulate a scene by fixed steps, as a pure function of the scene, the times and the start.
 

@@ -143,7 +143,7 @@ def _neighbours(scene: Scene) -> sp.csr_array:
     """(nodes, nodes): which nodes' forces depend on which nodes' places, by members or by cables in clusters."""
     structure = scene.structure
     pairs = [(node, node) for node in range(len(structure.nodes))] + list(all_edges(structure))
-    for members in filter(None, (structure.struts, structure.cables)):
+    for members in structure.members:
         for cluster in members.clusters:
             axles = [pulley.axle for pulley in members.pulleys if pulley.axle and pulley.between[0] in cluster]
             along = sorted({node for edge in (*(members.edges[k] for k in cluster), *axles) for node in edge})

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.elementwise import rows_where
 from jaxgrity.core.primitives import dot, inverse, length, scale
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, Scalar, State
 from jaxgrity.model.scales import length_scale
@@ -88,7 +89,7 @@ def strut_contacts(scene: Scene, h: Scalar, start: State) -> StrutContacts | Non
     first, following = _kept((ends, ways), there, share, which[:, 0])
     second, _ = _kept((ends, ways), there, share, which[:, 1])
     late, elsewhere = _elsewhere(ends, following, which[:, 0])
-    second = jax.tree.map(lambda x, y: jnp.where(elsewhere.reshape(-1, *[1] * (x.ndim - 1)), x, y), late, second)
+    second = rows_where(elsewhere, late, second)
     found = jnp.stack([jnp.ones_like(beside), beside | elsewhere], axis=1).ravel()
     at, normal, distance = jax.tree.map(lambda *x: jnp.stack(x, axis=1).reshape(-1, *x[0].shape[1:]), first, second)
     gap = distance - jnp.repeat(apart, POINTS)

@@ -5,8 +5,8 @@ from itertools import combinations
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import Edges
 from jaxgrity.model.structure import edge_lengths
+from jaxgrity.structures.geometry import Geometry, ring
 
 PRISM_RADIUS, PRISM_HEIGHT = 0.3, 0.6
 """Radius and height of the prisms of a tower, m."""
@@ -16,7 +16,7 @@ PRISM_GAP = 0.05
 """Gap between two prisms of a tower, m."""
 
 
-def icosahedron(strut_length: float = 1.0) -> tuple[np.ndarray, Edges, Edges]:
+def icosahedron(strut_length: float = 1.0) -> Geometry:
     """The six-strut tensegrity of 12 nodes, 6 struts in three parallel pairs, and 24 cables.
 
     Nodes are the cyclic permutations of (±2, ±1, 0) S/4, S the strut length; cables join the pairs sqrt(6)/4 S apart.
@@ -27,10 +27,10 @@ def icosahedron(strut_length: float = 1.0) -> tuple[np.ndarray, Edges, Edges]:
     struts = tuple((4 * axis + end, 4 * axis + end + 1) for axis in range(3) for end in (0, 2))
     pairs = tuple(combinations(range(12), 2))
     is_cable = np.isclose(edge_lengths(nodes, pairs), np.sqrt(6) / 4 * strut_length, rtol=1e-9, atol=0)
-    return nodes, struts, tuple(pair for pair, chosen in zip(pairs, is_cable) if chosen)
+    return Geometry(nodes, struts, tuple(pair for pair, chosen in zip(pairs, is_cable) if chosen))
 
 
-def prism_tower_geometry(struts: int) -> tuple[np.ndarray, Edges, Edges]:
+def prism_tower_geometry(struts: int) -> Geometry:
     """Three-strut prisms on top of each other, each tied to the next by six cables: a structure of any size.
 
     Prism k has the nodes 6k to 6k + 5, the lower triangle first; nine cables hold it together. Returns nodes
@@ -39,21 +39,18 @@ def prism_tower_geometry(struts: int) -> tuple[np.ndarray, Edges, Edges]:
     if struts < 3 or struts % 3:
         raise InputError(f"struts = {struts}: expected a multiple of 3, three for each prism of the tower")
     prisms = struts // 3
-    corners = 2 * np.pi / 3 * np.arange(3)
     nodes, rods, cables = [], [], []
     for k in range(prisms):
         low, high = 6 * k, 6 * k + 3
         for turn, level in ((0.0, 0.0), (PRISM_TWIST, PRISM_HEIGHT)):
-            z = np.full(3, k * (PRISM_HEIGHT + PRISM_GAP) + level)
-            ring = [PRISM_RADIUS * np.cos(corners + turn), PRISM_RADIUS * np.sin(corners + turn), z]
-            nodes.append(np.stack(ring, axis=1))
+            nodes.append(ring(3, PRISM_RADIUS, turn, k * (PRISM_HEIGHT + PRISM_GAP) + level))
         for a in range(3):
             b = (a + 1) % 3
             rods.append((low + a, high + a))
             cables += [(low + a, low + b), (high + a, high + b), (low + a, high + (a + 2) % 3)]
             if k + 1 < prisms:
                 cables += [(high + a, low + 6 + a), (high + a, low + 6 + b)]
-    return np.concatenate(nodes), tuple(rods), tuple(cables)
+    return Geometry(np.concatenate(nodes), tuple(rods), tuple(cables))
 
 
 def rest_on_face(nodes: np.ndarray) -> np.ndarray:

@@ -18,13 +18,7 @@ from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.complementarity import CoupledState
-from jaxgrity.stepping.discretisation import (
-    FAILURES,
-    discretise,
-    integrate,
-    state_failure,
-    with_scales_and_mobility,
-)
+from jaxgrity.stepping.discretisation import FAILURES, discretise, integrate, state_failure, with_scales_and_mobility
 from jaxgrity.stepping.dynamics import angular_momentum, momentum
 from jaxgrity.stepping.loop import Step, carried_at, numbered
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve

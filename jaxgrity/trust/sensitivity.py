@@ -32,14 +32,19 @@ class Sensitivity(NamedTuple):
 
     def horizon(self, largest: float) -> float:
         """Time up to which the norm is at most `largest`, s."""
-        above = ~(self.norm <= largest)
-        return float(self.times[-1] if not above.any() else self.times[max(0, int(np.argmax(above)) - 1)])
+        return last_within(self.times, self.norm, largest)
 
     @property
     def growth_rate(self) -> float:
         """Growth rate of the norm in the second half of the simulation, 1/s: a finite-time Lyapunov exponent."""
         late = (self.times >= self.times[-1] / 2) & (self.norm > 0) & np.isfinite(self.norm)
         return float(np.polyfit(self.times[late], np.log(self.norm[late]), 1)[0]) if late.sum() > 1 else np.nan
+
+
+def last_within(times: Times, values: Times, largest: float) -> float:
+    """The time of the last frame before values exceed the largest one, s."""
+    beyond = ~(values <= largest)
+    return float(times[max(0, int(np.argmax(beyond)) - 1)] if beyond.any() else times[-1])
 
 
 @typed

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxgrity.core.display import finite_or
+from jaxgrity.core.display import aligned, finite_or
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Times
@@ -20,7 +20,7 @@ from jaxgrity.stepping.options import Options, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate, with_room
 from jaxgrity.trust.energy_audit import EnergyAudit, energy_audit
 from jaxgrity.trust.error_bars import refinement_bar, timing_bar
-from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
+from jaxgrity.trust.sensitivity import Sensitivity, last_within, sensitivity
 
 UNCERTAIN = 0.01
 """Uncertainty of each phase, rad; without a gait, of the initial velocities, m/s for a body of one metre."""
@@ -64,9 +64,7 @@ class TrustReport(NamedTuple):
         Until then neither the error bar exceeds it, nor the effect of an error `UNCERTAIN` in the phases (without a
         gait, in the initial velocities). If this holds to the end of the simulation, the horizon is that end.
         """
-        times = np.asarray(self.trajectory.times)
-        beyond = ~(self.error_bars <= self.predictable)
-        exact = float(times[max(0, int(np.argmax(beyond)) - 1)] if beyond.any() else times[-1])
+        exact = last_within(np.asarray(self.trajectory.times), self.error_bars, self.predictable)
         if self.sensitivity is None:
             return exact
         scene, in_phases = self.trajectory.scene, self.sensitivity.unit == "m/rad"
@@ -133,8 +131,7 @@ class TrustReport(NamedTuple):
             rows["sensitivity at the end"] = f"{size}{growing}"
         lasting = "at least " if facts["predictable_up_to"] >= np.asarray(self.trajectory.times)[-1] else ""
         rows[f"predictable to {100 * self.predictable:.3g} cm up to"] = f"{lasting}{facts['predictable_up_to']:.3g} s"
-        wide = max(map(len, rows))
-        return "\n".join(f"{name:<{wide}}  {value}" for name, value in rows.items())
+        return aligned(list(rows.items()))
 
 
 @typed

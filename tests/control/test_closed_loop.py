@@ -10,9 +10,19 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxgrity
-from jaxgrity import Gait, InputError, SolverOptions, control
+from jaxgrity import (
+    ExactGround,
+    Gait,
+    InputError,
+    Members,
+    PenaltyGround,
+    Push,
+    SolverOptions,
+    Structure,
+    control,
+)
 from jaxgrity.control import Errors, MotorLimits, Observation, OpenLoop, PhaseLocked, Sensors, Steered, centre_offsets
-from jaxgrity.control.closed_loop import taken_over
+from jaxgrity.control.closed_loop import Loop, taken_over
 from jaxgrity.structures import quadruped, superball
 
 TEN_MS = SolverOptions(dt=0.01)
@@ -105,6 +115,36 @@ def test_a_model_takes_over_a_robot_in_motion(scene):
     for k in range(2):
         np.testing.assert_allclose(copies[..., k], on, atol=1e-10)
     assert np.abs(on - loop.plant.motion[0]).max() > 0.01
+
+
+def pulled(contact):
+    """Two masses in the air with a cable between them, and a push on the first one after half a second."""
+    push = Push((0,), [[0.0, 0.0, 3.0]], 0.5, 10.0)
+    pair = Structure([[0.0, 0, 5], [1, 0, 5]], [1.0, 2.0], None, Members(((0, 1),), [200.0], [0.9]))
+    return jaxgrity.with_terms(jaxgrity.Scene(pair, ground=contact), push)
+
+
+def test_a_model_of_another_method_takes_over_lengths_and_time():
+    """Its first half step back is by the force of the shortened cable, and of the push; its sensors know of both."""
+    limits = MotorLimits(force=1e3)
+    robot = control.plant_of(pulled(PenaltyGround(1e4)), (0,), motors=limits)
+    model = control.plant_of(pulled(ExactGround()), (0,), motors=limits, sensors=Sensors(delay=2), options=TEN_MS)
+    many = control.side_by_side(model, 1)
+    v = np.array([[0.0, 1, 0], [0, -1, 0]])
+
+    @jax.jit
+    def taken(q, v):
+        state = control.plant_start(robot, jax.random.key(0), (q, v))
+        state = state._replace(tick=jnp.asarray(100), contraction=jnp.array([0.5]), tension=jnp.array([70.0]))
+        began = taken_over(many, Loop(state, ()), 1).plant
+        return began, control.observe(many, began)[0]
+
+    began, seen = taken(np.asarray(robot.scene.structure.nodes), v)
+    force = np.array([[200 * (1 - 0.45), 0, 3.0], [-200 * (1 - 0.45), 0, 0]])
+    np.testing.assert_allclose(began.motion[1][..., 0], v - 0.005 * force / [[1.0], [2.0]], atol=1e-12)
+    np.testing.assert_allclose(seen.contraction, [[0.5]])
+    np.testing.assert_allclose(seen.tensions, [[110.0]])
+    assert began.tension == 70.0
 
 
 def test_a_blend_is_a_mean_of_both(scene, moment):
@@ -418,6 +458,29 @@ def test_the_clock_of_feedback_needs_struts(scene):
     control.Blend(PhaseLocked(scene.gait), OpenLoop(scene.gait), 0.5).check(scene)
 
 
+def test_a_drive_takes_whole_numbers(plant, scene):
+    """None that are negative, in one line."""
+    policy = OpenLoop(scene.gait)
+    driven = lambda ticks: lambda key: control.drive(plant, policy, control.loop_start(plant, policy, key), ticks).path  # noqa: E731
+    assert jax.eval_shape(driven(2), jax.random.key(0)).shape == (2, 3)
+    with pytest.raises(InputError, match="ticks = -1: expected a whole number, at least 0"):
+        jax.eval_shape(driven(-1), jax.random.key(0))
+
+
+def test_gaits_of_other_robots_are_refused(scene):
+    """As `with_gait` refuses them; also within another policy, and among gaits to choose from."""
+    gait = jaxgrity.load_gait("lasting")
+    struts = replace(scene.structure.struts, edges=tuple((j, i) for i, j in scene.structure.struts.edges))
+    other = replace(scene, gait=None, structure=replace(scene.structure, struts=struts))
+    plant = control.plant_of(other, gait.members)
+    locked = PhaseLocked(gait)
+    for policy in (OpenLoop(gait), locked, Steered(locked, 0.1, np.zeros((6, 6)))):
+        with pytest.raises(InputError, match=r"gait: made for a robot of 12 nodes, .*; this one has 12 nodes"):
+            control.loop_start(plant, policy, jax.random.key(0))
+    with pytest.raises(InputError, match="expected a gait for this robot"):
+        control.gait_choices(other.structure, {"lasting": locked})
+
+
 @pytest.mark.parametrize("make", [quadruped, superball])
 def test_sensors_tell_how_bodies_are_turned_and_turn(make):
     """Two directions of each: what they say of a turned robot gives the turn, and their spins its angular velocity."""
@@ -466,6 +529,16 @@ def test_tensions_are_those_of_cables_that_are_wound_up(scene):
     assert read.tensions[0] == pytest.approx(cables.stiffness[0] * (length - wound), rel=1e-9)
     assert read.tensions[0] > 1.5 * read.tensions[1]
     np.testing.assert_allclose(read.contraction, [0.4], rtol=1e-9)
+
+
+def test_a_stuck_member_is_not_told_as_shortened(scene):
+    """Its motor does not turn, whatever it is asked."""
+    cables = replace(scene.structure.cables, stuck=(1,))
+    gait = Gait((0, 6, 7), np.zeros(3), np.full(3, 0.4), np.full(3, 0.5), np.array(0.0), np.array(0.01))
+    robot = replace(scene, gait=gait, structure=replace(scene.structure, cables=cables))
+    read = measure(robot, 0.5, robot.structure.nodes, np.zeros_like(robot.structure.nodes))
+    np.testing.assert_allclose(read.contraction, [0.4, 0.4, 0.0], rtol=1e-9)
+    assert read.tensions[0] > 1.5 * read.tensions[1]
 
 
 def test_tensions_are_those_of_the_law_of_a_cable(scene):

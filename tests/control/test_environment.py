@@ -155,6 +155,23 @@ class StopAtLine(control.Task):
         return jnp.array([jnp.clip(self.line - place[0], -0.3, 0.3), 0.0], float)
 
 
+class Doubled(control.Task):
+    """What it remembers is in the precision of JAX, not of the robot."""
+
+    def progressed(self, aim, before, place, period, average):
+        return jnp.dot((place - before)[:2], aim) / period, jnp.asarray(average, float) + 1
+
+
+def test_a_task_of_ones_own_may_remember_in_another_precision(scene):
+    """Its episodes are stepped in a loop all the same."""
+    env = control.environment(Doubled("heading"), scene, options=QUICK)
+
+    def episode(key):
+        return jax.lax.scan(lambda state, action: (env.step(state, action), 0), env.reset(key), jnp.zeros((2, 6)))[0]
+
+    assert jax.eval_shape(episode, jax.random.key(0)).pipeline_state.average.dtype == np.float32
+
+
 @pytest.mark.parametrize("way", [{"heading": [0.0, 2.0]}, {"goal": [3.0, 1.0]}, {}])
 def test_a_policy_for_a_task_of_ones_own_is_deployed_with_its_direction(scene, way):
     """It is told what the environment told it, whatever was drawn there."""
@@ -246,6 +263,18 @@ def test_actions_shorten_members_up_to_the_stroke(jitted):
     np.testing.assert_allclose(state.pipeline_state.plant.contraction, expected, atol=1e-6)
 
 
+def test_uphill_is_where_the_ground_rises(scene):
+    """Towards +x on a negative incline. That of a scene is refused: the task does not know of it."""
+    for incline in (0.1, -0.1):
+        task = control.Task("uphill", incline=incline)
+        up = task.wanted_direction(np.zeros(2), np.zeros(3))
+        here, there = control.ground_of(task, scene, seed=0).ground.height([0.0, up[0]], [0.0, up[1]])
+        assert there > here
+    leaning = replace(scene, ground=replace(scene.ground, incline=-0.1))
+    with pytest.raises(InputError, match=r"ground.incline = -0.1: it rises towards \+x; expected a level plane"):
+        control.environment(control.Task("uphill"), leaning)
+
+
 def test_tasks_keep_the_ground_that_they_do_not_bring(scene):
     """A heading may be asked for on a scene's own slope; a slope of the task's own may not, and is not dropped."""
     steep = replace(scene, ground=replace(scene.ground, incline=0.1))
@@ -325,6 +354,17 @@ def test_bad_input_is_refused(scene):
     bent = type("Bent", (control.Task,), {"wanted_direction": lambda self, aim, place: place})
     with pytest.raises(InputError, match=r"Bent.wanted_direction: returns .*expected shape \(2,\)"):
         control.environment(bent("heading"), scene)
+    short = type("Short", (control.Task,), {"wanted_direction": lambda self, place: place[:2]})
+    with pytest.raises(
+        InputError, match=r"^Short.wanted_direction: TypeError: .* positional arguments .*expected a fu"
+    ):
+        control.environment(short("heading"), scene)
+    every = lambda self, aim, before, place, period, average: ((place - before)[:2] / period, average)  # noqa: E731
+    last = lambda self, aim, before, place, period, average: (jnp.sum(place), place)  # noqa: E731
+    for progressed in (every, last, lambda self, aim, before, place, period, average: jnp.sum(place)):
+        odd = type("Odd", (control.Task,), {"progressed": progressed})
+        with pytest.raises(InputError, match=r"Odd.progressed: returns .*expected a number, and two to remember"):
+            control.environment(odd("heading"), scene)
     with pytest.raises(InputError, match="the scene has no gait"):
         control.environment("speed", jaxgrity.with_gait(scene, None))
     for seconds in (-1.0, 0.0, np.nan, np.inf, 0.015):
@@ -341,5 +381,7 @@ def test_bad_input_is_refused(scene):
     states = jax.eval_shape(jax.vmap(env.reset), jax.random.split(jax.random.key(0), 4))
     with pytest.raises(InputError, match=r"over, keys: shapes \(\) and \(4,\); expected one of each"):
         env.reset_where(np.ones((), bool), states, jax.random.split(jax.random.key(0), 4))
+    with pytest.raises(InputError, match=r"over, keys: shapes \(\) and \(\); .*of many episodes"):
+        env.reset_where(np.ones((), bool), jax.eval_shape(env.reset, jax.random.key(0)), jax.random.key(0))
     with pytest.raises(InputError, match=r"action has shape \(\); expected \(6,\)"):
         env.step(jax.eval_shape(env.reset, jax.random.key(0)), np.zeros(()))

@@ -139,7 +139,6 @@ def damaged(key, shape: tuple[int, ...]):
     ("task", "name", "robots", "ticks"),
     [
         pytest.param("heading", "exact", 8, 12, marks=pytest.mark.slow),
-        pytest.param("speed", "reference", 8, 12, marks=pytest.mark.slow),
         *[
             pytest.param(task, name, 100, 100, marks=pytest.mark.campaign)
             for task in control.TASKS

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from jaxgrity import InputError, SolverOptions, control
+from jaxgrity import InputError, SolverOptions, control, load_scene
 
 SETTINGS = {"options": SolverOptions(dt=0.01, dtype="float32"), "seconds": 0.03}
 """cheap, and episodes of three control periods"""
@@ -59,3 +59,11 @@ def test_many_robots_are_one_call_and_begin_anew():
     assert not over[:, 0].any()
     np.testing.assert_array_equal(told[3][1][[0, 2]], 0.0)
     assert np.abs(told[3][0][0] - told[2][0][0]).max() > 0.1
+
+
+def test_actions_for_other_robots_are_refused():
+    """In one line, before anything compiles."""
+    envs = control.GymnasiumVectorEnvironment(control.environment("speed", load_scene("exact"), **SETTINGS), 3)
+    for shape in ((2, 6), (3, 5), (6,)):
+        with pytest.raises(InputError, match=r"actions have shape .*; expected \(3, 6\)"):
+            envs.step(np.zeros(shape, np.float32))

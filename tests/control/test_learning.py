@@ -11,7 +11,17 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, SolverOptions, centre_path, load_scene
+from jaxgrity import (
+    ExactGround,
+    Gait,
+    InputError,
+    Members,
+    Scene,
+    SolverOptions,
+    Structure,
+    centre_path,
+    load_scene,
+)
 from jaxgrity.cli import train
 from jaxgrity.cli.settings import TrainSettings
 from jaxgrity.control import (
@@ -37,6 +47,7 @@ from jaxgrity.control import (
 from jaxgrity.control.learned import untrained
 from jaxgrity.control.ppo import AXIS, Learner, Tried, advantages, with_observations
 from jaxgrity.io.files import save_json
+from jaxgrity.stepping.discretisation import FAILURES
 
 SMALL = LearningConfig(robots=4, decisions=3, held=2, batches=2, epochs=2, width=8)
 
@@ -86,6 +97,16 @@ def test_an_episode_is_the_motion_that_trials_judge(env, first):
         average = average + (1 - np.exp(-0.01 / env.task.averaged)) * (v - average)
         found.append(np.linalg.norm(average))
     np.testing.assert_allclose(progress, np.mean(found), rtol=1e-3, atol=1e-6)
+
+
+def test_an_episode_says_how_its_rollout_failed(monkeypatch):
+    """Two masses on a cable that is torn at once, since what counts as torn is shorter than it is."""
+    monkeypatch.setattr("jaxgrity.stepping.discretisation.TORN", 0.5)
+    pair = Structure([[0.0, 0, 5], [1, 0, 5]], [1.0, 2.0], None, Members(((0, 1),), [200.0], [0.9]))
+    gait = Gait((0,), [0.0], [0.1], [1.0])
+    env = environment("speed", Scene(pair, ground=ExactGround(), gait=gait), seconds=0.01)
+    motion = episode(env, lambda seen: seen[:1], jax.random.key(0))
+    assert FAILURES[motion.failure] == "the structure was torn apart"
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 import jaxgrity
 from jaxgrity import Cylinder, InputError, Slope, SolverOptions, Union, control
 from jaxgrity.control import CAUTIOUS, Discs, PhaseLocked, Sampling
+from jaxgrity.control.plant import scenes_of
 from jaxgrity.control.predictive import arrivals
 from jaxgrity.control.samples import costs
 from jaxgrity.control.tasks import REACHED, at_size
@@ -89,6 +90,8 @@ def test_the_gap_is_that_of_bodies_and_balls_too():
     assert control.gap(post, rolling, nodes) == pytest.approx(np.hypot(0.5, 0.3) - 0.55 - 0.1)
     centre = nodes.mean(0)
     assert control.reach_of(rolling) == pytest.approx(np.linalg.norm(nodes[1] - centre) + 0.55)
+    with pytest.raises(InputError, match=r"q has shape \(3, 3\); expected \(..., 4, 3\)"):
+        control.gap(post, scene, nodes[:3])
     with pytest.raises(InputError, match="neither members nor bodies"):
         control.gap(post, jaxgrity.Scene(jaxgrity.Structure(nodes, np.ones(4))), nodes)
 
@@ -282,7 +285,7 @@ def test_a_goal_counts_that_was_reached_in_time_and_with_nothing_touched(scene):
     path = nodes.mean(1)
     beside, amid = (Discs(np.array([[3.0, y]]), np.array([0.3])) for y in (2.0, 0.0))
     maps = [control.way_map(discs, goal, ARENA) for discs in (beside, amid, beside, beside)]
-    reached, arrived, gaps = arrivals(scene, nodes, path, maps, Sampling(within=0.3))
+    reached, arrived, gaps = arrivals([scene] * 4, nodes, path, maps, Sampling(within=0.3))
     assert reached.tolist() == [True, False, False, False]
     assert gaps[0] > 0 > gaps[1]
     assert arrived.tolist() == [23, 23, 10, 24]
@@ -316,6 +319,28 @@ def test_maps_for_a_smaller_robot_are_refused(scene):
         robot, sampling = control.plant_of(one, gaits.policy.members), CAUTIOUS._replace(margin=margin)
         with pytest.raises(InputError, match=rf"made for a reach of 0.6 m, margin = {found} m; expected at least"):
             control.lead_to(robot, robot, gaits, way, sampling=sampling)
+
+
+def test_a_robot_is_as_wide_as_it_is_not_as_its_model(scene):
+    """Of robots side by side, on balls of which the model knows nothing: they need wider ways, and touch sooner."""
+    q = np.asarray(scene.structure.nodes, float)
+    outermost = int(np.linalg.norm(q[:, :2], axis=1).argmax())
+    feet = jaxgrity.model.Balls((outermost,), [0.4])
+    gaits = control.gait_choices(scene.structure, {"lasting": PhaseLocked(jaxgrity.load_gait("lasting"))})
+    model = control.plant_of(scene, gaits.policy.members)
+    wide = control.plant_of(replace(scene, ground=replace(scene.ground, balls=feet)), model.members)
+    robots = control.side_by_side(wide, 2, jaxgrity.Differences(friction=np.array([0.5, 1.0])))
+    assert [np.max(each.friction.mu) for each in scenes_of(robots)] == [0.25, 0.5]
+    post = Discs(np.array([[1.0, 2.0]]), np.array([0.3]))
+    ways = [control.way_map(post, np.array([3.0, 0.0]), ARENA)] * 2
+    with pytest.raises(InputError, match=r"made for a reach of 0.6 m, margin = 0.1 m; expected at least 0.959 m"):
+        control.lead_to(robots, model, gaits, ways)
+    out = q[outermost, :2] / np.linalg.norm(q[outermost, :2])
+    ways = [control.way_map(Discs((q[outermost, :2] + 0.35 * out)[None], np.array([0.2])), np.array([3.0, 0.0]), ARENA)]
+    nodes = np.repeat(q[None, ..., None], 2, axis=-1)
+    scenes = [scene, scenes_of(robots)[1]]
+    gaps = arrivals(scenes, nodes, nodes.mean(1), 2 * ways, Sampling(within=0.3))[2]
+    np.testing.assert_allclose(gaps, [0.15, -0.25], atol=1e-6)
 
 
 def test_one_sample_is_no_choice_of_gaits(scene):

@@ -8,10 +8,11 @@ import pytest
 
 import jaxgrity
 from jaxgrity import InputError, SolverOptions, control
-from jaxgrity.control import PhaseLocked, Sampling, Steered, centre_offsets
+from jaxgrity.control import PhaseLocked, Sampling, Steered, centre_offsets, predictive
 from jaxgrity.control.choices import choices_of
+from jaxgrity.control.closed_loop import Loop
 from jaxgrity.control.obstacles import StraightWay
-from jaxgrity.control.samples import best, between, costs, followed, shifted, sized
+from jaxgrity.control.samples import Sampled, best, between, costs, followed, shifted, sized
 from jaxgrity.control.steering import clock_moved
 from jaxgrity.model.actuation import contraction
 
@@ -136,6 +137,23 @@ def test_bends_change_along_straight_lines_between_knots():
     knots = np.array([[0.0, 0.3], [0.5, 0.3], [0.1, 0.0]])
     np.testing.assert_allclose(shifted(knots, sampling), [[0.5, 0.3], [0.1, 0.0], [0.1, 0.0]])
     np.testing.assert_array_equal(shifted(np.array([[0.2, -0.1]]), sampling), [[0.2, -0.1]])
+
+
+def test_a_robot_that_fails_at_once_is_known_where_it_starts(walker, monkeypatch):
+    """So its distance from an obstacle is that of its start, without a warning."""
+    plant, policy = walker
+    q = np.asarray(plant.scene.structure.nodes)
+    nodes = np.repeat(q[None], 11, axis=0)
+    rolled = lambda plant, choices, gaits, loop, bends, ticks: (loop, nodes, nodes.mean(1), np.asarray(True))  # noqa: E731
+    monkeypatch.setattr(predictive, "followed", rolled)
+    sampling, none = sized(HASTY, plant.scene), np.zeros(1, int)
+    chosen = Sampled(none, np.zeros((3, 1)), np.zeros(1), np.zeros((2, 2, 1, 1)), np.zeros(1))
+    _, found = predictive._moved(plant, choices_of(policy), Loop(None, policy.first()), none, chosen, sampling)
+    post = control.Discs(np.array([[5.0, 0.0]]), np.array([0.3]))
+    ways = [StraightWay(np.array([9.0, 0.0]), post)]
+    reached, arrived, gaps = predictive.arrivals([plant.scene], *found, ways, sampling)
+    assert (reached.tolist(), arrived.tolist()) == ([False], [1])
+    assert gaps == control.gap(post, plant.scene, q)
 
 
 def test_a_journey_makes_no_choice_beyond_its_patience(walker):

@@ -51,7 +51,7 @@ GROUNDS = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("ground", "distance"), GROUNDS)
-@pytest.mark.parametrize("name", ["exact", "reference"])
+@pytest.mark.parametrize("name", ["exact", pytest.param("reference", marks=pytest.mark.campaign)])
 def test_balls_start_as_far_above_any_ground_as_the_task_says(ground, distance, name):
     """Their surfaces: nodes without one may be below the ground, which they pass."""
     scene, task = jaxgrity.load_scene(name), control.TASKS["heading"]
@@ -129,6 +129,16 @@ def test_a_key_is_the_same_start_in_both_precisions(task, scene):
     for a, b in zip(single.pipeline_state.plant.motion, double.pipeline_state.plant.motion):
         np.testing.assert_allclose(a, b, atol=5e-6)
     np.testing.assert_allclose(single.pipeline_state.aim, double.pipeline_state.aim, atol=5e-6)
+
+
+@pytest.mark.parametrize("task", ["heading", "recover"])
+def test_robots_start_where_the_scene_has_them(task, scene):
+    """Above the same place, such as the middle of a height map, not the origin; their goals are about it, too."""
+    there = replace(scene, structure=replace(scene.structure, nodes=np.add(scene.structure.nodes, [3.0, -4.0, 0.0])))
+    q, v = jax.jit(lambda key: control.task_start(control.TASKS[task], there, key))(jax.random.key(0))
+    np.testing.assert_allclose(jaxgrity.stepping.centre_of_mass(scene, q)[:2], [3.0, -4.0], atol=1e-12)
+    spun = np.cross(q - np.mean(q, axis=0), v - np.mean(v, axis=0)).sum(0)
+    assert np.any(np.abs(spun) > 0.1) == (task == "recover")
 
 
 def test_supports_stay_where_they_are(scene):

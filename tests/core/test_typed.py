@@ -54,7 +54,7 @@ def test_parts_of_whole_numbers_are_refused():
         return int(seed)
 
     assert counted(3, 0.5) == counted(np.int64(3)) == 3
-    for seed in (0.5, np.float64(0.5), np.nan, np.inf):
+    for seed in (0.5, np.float64(0.5), np.float32(2.5), np.nan, np.inf):
         with pytest.raises(InputError, match=r"counted: seed is .*; expected a whole number"):
             counted(seed)
 

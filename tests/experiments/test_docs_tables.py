@@ -20,7 +20,7 @@ BLOCKS = {
     "README.md": 3,
     "docs/conformance.md": 2,
     "docs/control.md": 12,
-    "docs/environments.md": 7,
+    "docs/environments.md": 6,
     "docs/files.md": 1,
     "docs/gaits.md": 1,
     "docs/gait_records.md": 18,

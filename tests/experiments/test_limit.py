@@ -16,7 +16,7 @@ from jaxgrity import SolverOptions, gaits_of, load_scene, random_phases, simulat
     [
         ("reference", "limit64", "rk4", 5e-4, None, 1e-7),
         # whose impulses come by other formulae of first order: both come closer with the step
-        ("exact", "exact64", "complementarity", 5e-4, 16, 1e-4),
+        pytest.param("exact", "exact64", "complementarity", 5e-4, 16, 1e-4, marks=pytest.mark.campaign),
     ],
 )
 def test_c_ends_where_the_library_does(scene, program, method, dt, sweeps, within):

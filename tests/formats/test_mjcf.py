@@ -51,9 +51,7 @@ def campaigns(kinds, but) -> list:
     return [pytest.param(kind, marks=pytest.mark.campaign) for kind in kinds if kind not in but]
 
 
-@pytest.mark.parametrize(
-    "kind", ["prism", pytest.param("t_bar", marks=pytest.mark.slow), *campaigns(KINDS, but=("prism", "t_bar"))]
-)
+@pytest.mark.parametrize("kind", ["prism", *campaigns(KINDS, but=("prism",))])
 def test_free_flight_of_spring_struts_agrees(kind):
     """RK4 at 1e-4 s in both, 0.5 s: within 1e-6 m."""
     scene = flying(kind, SPRINGS)

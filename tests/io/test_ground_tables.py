@@ -111,3 +111,26 @@ def test_robots_stand_along_an_incline_with_obstacles_as_on_one_without():
     beside = plain + 'obstacles = [{kind = "sphere", centre = [9.0, 0.0, 0.0], radius = 0.2}]'
     alone, together = (parse_scene(text).structure.nodes for text in (plain, beside))
     np.testing.assert_allclose(together, alone, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "touching",
+    [
+        "balls = { nodes = [0, 4, 8], radius = [0.05, 0.2, 0.0] }",
+        "along_struts = { count = 2, radius = 0.05 }",
+        "along_struts = { count = 2, struts = [1], radius = 0.05 }\nballs = { nodes = [0, 2] }",
+        "along_struts = { count = 2 }",
+    ],
+)
+@pytest.mark.parametrize("incline", [0.0, 0.3])
+def test_a_robot_has_its_height_above_the_ground_with_all_that_touches_it(touching, incline):
+    """Balls and struts with a radius too: with them it started in the ground."""
+    text = scene_text("reference").replace("[ground]", f"[ground]\n{touching}").replace("incline = 0.0", "")
+    scene = parse_scene(text.replace("[friction]", f"incline = {incline}\n[friction]"))
+    distance = scene.ground.measured(np.asarray(scene.structure.nodes)).distance
+    assert distance.min() == pytest.approx(0.02 * np.cos(incline), abs=1e-12)
+
+
+def test_a_ball_about_no_node_is_refused():
+    with pytest.raises(InputError, match=r"scene: balls.nodes has 99; expected nodes from 0 to 11"):
+        parse_scene(scene_text("reference").replace("[ground]", "[ground]\nballs = { nodes = [99] }"))

@@ -133,7 +133,7 @@ def test_bad_motors_are_refused(old, new, words):
         parse_scene(FILE.replace(old, new))
 
 
-@pytest.mark.parametrize("method", ["tsit5", pytest.param("dopri8", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", ["tsit5", pytest.param("dopri8", marks=pytest.mark.campaign)])
 def test_steps_that_adapt_see_a_motor_that_moves_and_comes_back(method):
     """However long nothing has moved: against fixed steps."""
     motor = Motor(0, [20.0, 20.1], [0.9, 1.0], rate=1.0)

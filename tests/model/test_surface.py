@@ -170,6 +170,10 @@ def test_a_gradient_in_the_terrain_is_that_of_finite_differences(central_differe
     [
         (lambda: Sphere(np.zeros(3), -1.0), "sphere.radius = -1 m: expected a positive number"),
         (lambda: Box(np.zeros(3), np.array([1.0, 1.0, 0.0])), "box.size"),
+        (
+            lambda: Cylinder([0, 0, 0], [0, 0, 0.1], 0.5, rounding=0.3),
+            "cylinder.rounding = 0.3: expected a radius from 0 to half of its smallest side",
+        ),
         (lambda: Box(np.zeros(3), np.ones(3), rounding=0.6), "box.rounding = 0.6: expected a radius from 0 to half"),
         (lambda: Cylinder(np.zeros(3), np.zeros(3), 1.0), "expected two points apart"),
         (lambda: Stairs(0.1, 0.3, steps=0), "stairs.steps = 0: expected a whole number, at least 1"),

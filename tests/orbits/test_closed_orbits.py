@@ -29,11 +29,18 @@ def speeds(scene, orbit, options, x):
     return closed_orbit(scene, orbit, options).speed
 
 
+@pytest.fixture(scope="module")
+def close(crawler):
+    """The orbit of a scene like the crawler, closed from that of the crawler."""
+    _, orbit, options = crawler
+    return jax.jit(lambda scene: closed_orbit(scene, orbit, options))
+
+
 @pytest.mark.slow
-def test_the_closed_orbit_is_the_one_that_a_long_rollout_settles_on(crawler):
+def test_the_closed_orbit_is_the_one_that_a_long_rollout_settles_on(crawler, close):
     """With the same speed, and a state that a cycle maps on itself."""
-    scene, orbit, options = crawler
-    closed = jax.jit(lambda s: closed_orbit(s, orbit, options))(scene)
+    scene, orbit, _ = crawler
+    closed = close(scene)
     assert orbit.settled
     assert closed.residual < 1e-9
     assert closed.speed > 1e-3
@@ -70,11 +77,11 @@ def test_derivatives_of_speed_agree_with_differences(crawler):
 
 
 @pytest.mark.slow
-def test_a_higher_frequency_has_an_orbit_of_its_own(crawler):
+def test_a_higher_frequency_has_an_orbit_of_its_own(crawler, close):
     """Found from the orbit of the lower one, it is the one on which the robot settles at that frequency."""
     scene, orbit, options = crawler
     quicker = eqx.tree_at(lambda s: s.gait.frequency, scene, scene.gait.frequency * 1.02)
-    closed = jax.jit(lambda s: closed_orbit(s, orbit, options))(quicker)
+    closed = close(quicker)
     assert abs(closed.speed - orbit.speed) > 1e-4 * orbit.speed
     np.testing.assert_allclose(closed.speed, find_orbit(quicker, 60.0, options=options).speed, rtol=1e-4)
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -26,7 +27,7 @@ from jaxgrity.orbits import (
 )
 from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, plane_of, way_along
 from jaxgrity.orbits.finding import in_step, restarted
-from jaxgrity.populations.motion_kinds import rolling
+from jaxgrity.populations.motion_kinds import LASTING, rolling
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.dynamics import total_force
@@ -85,6 +86,30 @@ def test_a_robot_that_lies_flat_on_its_orbit_stands_on_the_faces_it_is_built_wit
     found = one_cycle._supports(exact, restarted(exact, flat), flat, in_step(exact, PERIOD, None))
     assert found == rolling(exact, motion).supports
     assert len(found) == 1
+
+
+@pytest.mark.parametrize("moment", np.linspace(0, 1, 8, endpoint=False))
+def test_each_face_of_a_cycle_is_told_once(exact, monkeypatch, moment):
+    """Wherever in its stay on a face the robot is when the cycle begins."""
+    orbit = finding._orbit(exact, made_by_hand(exact, 1), PERIOD, LEVEL, 6)._replace(periods=3)
+    faces = ((0, 1, 4), (1, 4, 9), (4, 9, 11))
+
+    def simulated(scene, duration, *, options, frame_rate, velocities):
+        return SimpleNamespace(failed=False, duration=duration, rate=frame_rate)
+
+    def seen(scene, motion):
+        # a face counts if it lasts, and a change is seen at the next frame
+        changes = (np.arange(-1, 60) + moment) * orbit.cycle / 3
+        since = np.ceil(np.maximum(changes, 0) * motion.rate - 1e-9) / motion.rate
+        stays = np.diff(np.append(np.minimum(since, motion.duration), motion.duration)) >= LASTING
+        lasting = [(faces[k % 3], t) for k, (t, stay) in enumerate(zip(since, stays)) if stay]
+        return SimpleNamespace(supports=tuple(face for face, _ in lasting), since=np.array([t for _, t in lasting]))
+
+    monkeypatch.setattr(one_cycle, "simulate", simulated)
+    monkeypatch.setattr(one_cycle, "rolling", seen)
+    found = one_cycle._supports(exact, restarted(exact, orbit), orbit, in_step(exact, PERIOD, None))
+    assert len(found) == 3
+    assert set(found) == set(faces)
 
 
 @pytest.mark.parametrize("wobble", [1, 3, 5])

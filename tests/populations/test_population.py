@@ -140,9 +140,14 @@ def test_the_population_stays_last_in_memory(members):
     "surface",
     [
         'surface = { kind = "bumps", deviation = 0.02, length = 0.8, seed = 0 }',
-        'surface = { kind = "stairs", rise = 0.1, run = 0.3, steps = 2, start = 0.5 }',
+        pytest.param(
+            'surface = { kind = "stairs", rise = 0.1, run = 0.3, steps = 2, start = 0.5 }', marks=pytest.mark.campaign
+        ),
         'obstacles = [{ kind = "box", centre = [2, 0, 0.2], size = [0.4, 0.4, 0.6] }]',
-        'obstacles = [{ kind = "cylinder", start = [2, 0, -0.1], end = [2, 0, 1], radius = 0.3 }]',
+        pytest.param(
+            'obstacles = [{ kind = "cylinder", start = [2, 0, -0.1], end = [2, 0, 1], radius = 0.3 }]',
+            marks=pytest.mark.campaign,
+        ),
     ],
 )
 def test_the_population_stays_last_in_memory_on_uneven_ground(surface):

@@ -62,7 +62,7 @@ def where(picture, colour):
     [
         (12.5, [80, 80, 80, 60]),
         (30.0, [30, 40, 30] * 3),
-        (100.0, [10] * 30),
+        pytest.param(100.0, [10] * 30, marks=pytest.mark.campaign),
         (1e9, [10] * 30),
         (0.1, [300]),
     ],

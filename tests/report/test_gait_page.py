@@ -9,7 +9,7 @@ from jaxgrity.cli import compare
 from jaxgrity.core.display import significant
 from jaxgrity.report import plot
 from jaxgrity.report.gait_report import leave_figures, write_page
-from jaxgrity.report.gait_rows import _chosen, distance_words, leading_sentences, outcome_rows, search_rows
+from jaxgrity.report.gait_rows import _chosen, distance_words, late_words, leading_sentences, outcome_rows, search_rows
 from jaxgrity.report.orbit_plot import _moving_frame
 from jaxgrity.report.steady import steady_rows
 
@@ -87,6 +87,24 @@ def test_an_orbit_is_closed_in_its_moving_frame(turn):
         np.testing.assert_allclose(seen, wobble, atol=1e-3)
 
 
+@pytest.mark.parametrize("turning", [0.0, 0.5])
+def test_the_moving_frame_goes_along_the_arc(exact, turning):
+    """In 4 s, on a circle too, where the way straight to its end is shorter by a sixth."""
+    times = np.linspace(0, 4.0, 161)
+    angle, zero = turning * times, 0 * times
+    turn = np.array(
+        [[np.cos(angle), -np.sin(angle), zero], [np.sin(angle), np.cos(angle), zero], [zero, zero, 1 + zero]]
+    )
+    way = 0.8 * (times if turning == 0 else np.expm1(1j * angle) / (1j * turning))
+    nodes = np.einsum("abf,nb->fna", turn, np.asarray(exact.structure.nodes))
+    nodes = nodes + np.stack([np.real(way), np.imag(way), zero], axis=-1)[:, None]
+    done = jaxgrity.Trajectory(
+        times, nodes, 0 * nodes, np.zeros((), int), np.zeros((), int), np.zeros((), int), "", None
+    )
+    figure = plot.orbit_figure(exact, done, 4.0, turning)
+    assert figure.axes[1].get_title() == "about a frame that goes at 0.800 m/s"
+
+
 def test_a_cycle_must_be_within_the_motion(exact):
     """And there must be a ground whose touching nodes can be shown."""
     motion = jaxgrity.simulate(exact, 0.1)
@@ -162,9 +180,11 @@ def test_the_rows_say_who_is_beyond_a_bound():
     known |= {"robust": {"robots": 128}}
     lost = {**known, "within_bounds": False, "beyond_bounds": 1.0, "actuators": {**ACTUATORS, "excess": 0.1234}}
     told = outcome_rows(lost)["actuators need"]
-    assert told.endswith("; this exceeds its bounds by 12 %; 100 % of perturbed robots exceed a bound on actuators")
+    assert told.endswith(
+        "; this exceeds its bounds by 12 %, added up over them; 100 % of perturbed robots exceed a bound on actuators"
+    )
     alone = outcome_rows({**lost, "robust": {"robots": 1}})["actuators need"]
-    assert alone.endswith("; this exceeds its bounds by 12 %")
+    assert alone.endswith("; this exceeds its bounds by 12 %, added up over them")
     assert compare.COLUMNS["beyond a bound"](lost) == "itself, and 100 % of robots"
     assert compare.COLUMNS["beyond a bound"](known) == "0 % of robots"
 
@@ -173,8 +193,8 @@ def test_the_row_of_the_objective_says_that_a_gait_is_late():
     """Where steady objectives count time before full swing; a quick search of 8 s, with starts as usual, does not."""
     robots = {**STEADY["robust"], "step_error": 1e-3}
     known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": []}
-    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824]}]}
-    known |= {"fidelity": {"levels": [{"name": "own"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
+    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [0, 7]}]}
+    known |= {"fidelity": {"levels": [{"name": "both models"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
     known |= {"finalists": {"fitness": [1.0], "multipliers": None}, "diagnosis": {}, "ramp": 1.0}
     row = lambda objective, **when: search_rows({**known, **when}, None, objective)["objective"]  # noqa: E731
     late = row(jaxgrity.SteadySpeed(), start=10.0, duration=20.0)
@@ -186,27 +206,63 @@ def test_the_row_of_the_objective_says_that_a_gait_is_late():
     assert row(jaxgrity.Distance(), start=10.0, duration=20.0).endswith("on the other contact model")
 
 
+@pytest.mark.parametrize("swing", [11.0, 1.0 + 7 / 3, 0.012344, 2.5099, 249.9])
+def test_the_duration_that_is_said_to_be_enough_is(swing):
+    """With it, the gait is in full swing in time; it is no longer than three digits make it."""
+    told = late_words(swing, swing)
+    enough = float(told.split("a duration of ")[1].split()[0])
+    assert 4 * swing * (1 - 1e-12) <= enough <= 4.05 * swing
+    assert not late_words(swing, enough)
+
+
+def test_searches_by_objectives_of_ones_own_are_compared():
+    """Their record has the unit, as another program does not know the objective."""
+    robots = {"robust": {"mean": 0.5, "standard_deviation": 0.0, "standard_error": None}}
+    assert compare.COLUMNS["robust"]({**robots, "objective": "of my own", "unit": "kg"}) == "0.500 kg"
+    assert compare.COLUMNS["robust"]({**robots, "objective": "distance"}) == "0.500 m"
+
+
+def test_gaits_beyond_bounds_are_not_compared_as_if_they_were_within():
+    """Where no gait of a generation keeps the bounds, the comparison of searches has a gap."""
+    robots = {"mean": 0.5, "standard_deviation": 0.1}
+    searches = [{"best": [5.0, 0.3], "within": [0, 2]}, {"best": [0.4, None], "within": [8, 0]}]
+    run = {"searches": searches, "robust": robots, "other_contact_model": robots}
+    (line,) = compare.figure({"a": run}).axes[0].lines
+    np.testing.assert_array_equal(line.get_ydata(), [np.nan, 0.3, 0.4, np.nan])
+    earlier = {**run, "searches": [{"best": [0.0, 0.3]}]}
+    (line,) = compare.figure({"a": earlier}).axes[0].lines
+    np.testing.assert_array_equal(line.get_ydata(), [0.0, 0.3])
+
+
 def test_the_rows_say_how_sure_each_direction_is():
     """A heading where the error bar is shorter than the way; what was not measured is not known."""
     way = {"distance": 1.7512, "error_bar": 0.003, "heading": 2.0944}
     lost = {"distance": 1.5, "error_bar": 11.0, "heading": 0.0}
     robots = {"mean": 0.6, "standard_deviation": 0.0, "standard_error": None, "robots": 1, "step_error": 2.5e-3}
-    known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": [way, lost]}
-    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824]}]}
-    known |= {"fidelity": {"levels": [{"name": "own"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
+    known = {"steady": None, "robust": robots, "other_contact_model": robots}
+    known |= {"directions": [way, {**way, "heading": -1e-3}, lost]}
+    known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [0, 7]}]}
+    known |= {"fidelity": {"levels": [{"name": "both models"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
     known |= {"finalists": {"fitness": [0.732], "multipliers": None}, "diagnosis": {}, "start": 1.0, "ramp": 1.0}
     known |= {"distance": 1.75, "error_bar": 0.003, "duration": 8.0}
     rows = search_rows(known, None, jaxgrity.Distance())
-    assert rows["directions"] == "1.751 ± 0.003 m towards 120°, 2 ± 10 m in no known direction"
+    assert (
+        rows["directions"] == "1.751 ± 0.003 m towards 120°, 1.751 ± 0.003 m towards 0°, 2 ± 10 m in no known direction"
+    )
     assert rows["sensitivity at the end"] == "not known"
     assert rows["search"].startswith("64 rollouts of the evolution; ")
     assert rows["fitness"] == (
-        "0.824, best of the last generation, by the draws that chose it; 0.732, the chosen finalist, by fresh ones"
+        "0.824 m, best of the last generation, by the draws that chose it; 0.732 m, the chosen finalist, by fresh ones "
+        "that compare finalists (both models)"
     )
+    strained = {**known, "searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [7, 0]}]}
+    told = search_rows(strained, None, jaxgrity.Straightness())["fitness"]
+    assert told.startswith("0.824, best of the last generation, of gaits beyond their bounds, by the draws")
     assert "; 0.600 m on the other" in rows["objective"]
-    assert "error of the time step 0.0025 m;" in rows["objective"]
+    assert "differs by 0.0025 m between two time steps, one half of the other;" in rows["objective"]
     fallen = {**known, "robust": {**robots, "step_error": np.nan}}
-    assert "error of the time step not known;" in search_rows(fallen, None, jaxgrity.Distance())["objective"]
+    told = search_rows(fallen, None, jaxgrity.Distance())["objective"]
+    assert "differs by an unknown amount between two time steps" in told
 
 
 def test_sentences_say_what_to_know_first():

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from types import SimpleNamespace
 
 import matplotlib
 import numpy as np
@@ -13,6 +14,7 @@ from PIL import Image
 
 import jaxgrity
 from jaxgrity.report import plot
+from jaxgrity.report.notebook import search_html
 
 SHOWN_WIDTH = 830 * 0.75
 """points: how wide a page shows a figure, of 96 pixels an inch"""
@@ -59,7 +61,10 @@ def test_axes_say_what_they_show(figures):
         for axes in figures[name].axes:
             labels = [axes.get_xlabel(), axes.get_ylabel()]
             assert any(labels), name
-            assert all("(" in label or label in ("", "member", "share of the built length") for label in labels), name
+            # a cable's built length is longer than its full rest length: it is strained
+            assert all("(" in label or label in ("", "member", "share of the full rest length") for label in labels), (
+                name
+            )
 
 
 def test_the_style_is_the_functions_own(motion):
@@ -118,6 +123,20 @@ def test_objects_show_themselves_in_jupyter(motion):
     assert isinstance(plot.still_figure(scene, trajectory), Figure)
 
 
+def test_a_search_shows_itself_in_the_words_of_its_report(motion):
+    """With units, and two standard errors after a mean over robots, as everywhere."""
+    robots = {"mean": 0.824, "standard_deviation": 0.14, "standard_error": 0.012, "step_error": 2.5e-3, "robots": 128}
+    facts = {"distance": 30.2, "error_bar": 0.04, "robust": robots, "other_contact_model": robots, "beyond_bounds": 0.2}
+    verdict, problem = (
+        SimpleNamespace(summary=lambda: facts),
+        SimpleNamespace(duration=40.0, fitness=jaxgrity.Fitness()),
+    )
+    page = search_html(SimpleNamespace(scene=motion[0], verdict=verdict, problem=problem))
+    assert "verified distance: 30.20 ± 0.04 m in 40 s" in page
+    assert "objective: 0.82 ± 0.02 m (standard deviation 0.14) over 128 perturbed robots" in page
+    assert "beyond a bound on actuators: 20 % of robots" in page
+
+
 @pytest.mark.parametrize("stretch", [(1, 1, 3), (4, 1, 1), (1, 1, 1)], ids=["tall", "long", "plain"])
 def test_a_still_shows_the_whole_robot(reference, stretch):
     """However tall it is or far it gets: every pixel at the figure's border is white."""
@@ -147,6 +166,15 @@ def test_titles_and_legends_cover_nothing():
         assert all(one.x1 < other.x0 for one, other in itertools.pairwise(titles))
         (legend,) = figure.legends
         assert not any(legend.get_window_extent().overlaps(axes.bbox) for axes in figure.axes)
+
+
+def test_what_has_no_unit_is_shown_without():
+    """As a cost of transport: no axis, and no legend, leaves a gap for it."""
+    known, costs = np.full((2, 2), np.nan), np.linspace(-3.0, -4.0, 8)
+    levels = plot.fidelity_figure(("screening", "own"), np.eye(2, 8), 3, (known, known), "")
+    robots = plot.robust_figure({"found": costs}, "")
+    assert (levels.axes[0].get_xlabel(), levels.axes[0].get_ylabel()) == ("own", "screening")
+    assert robots.legends[0].get_texts()[0].get_text() == "found: -3.500, standard deviation 0.33"
 
 
 def test_members_have_a_colour_each_or_all_the_same(figures):

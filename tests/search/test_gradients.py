@@ -116,7 +116,7 @@ class Differentiated(NamedTuple):
     """at `phase`"""
 
 
-@pytest.fixture(scope="module", params=["reference", "exact"])
+@pytest.fixture(scope="module", params=[pytest.param("reference", marks=pytest.mark.campaign), "exact"])
 def differentiated(request):
     """By each of the two contact models."""
     scene = as_dtype(request.getfixturevalue(request.param), "float64")

@@ -44,11 +44,10 @@ from jaxgrity import (
 from jaxgrity.orbits import find_orbit, stability
 from jaxgrity.report.measuring import actuators, directions
 from jaxgrity.search import OBJECTIVES, Progress, find_objective, judge_at, load_states, without_measuring
-from jaxgrity.search.attraction import orbit_multipliers
 from jaxgrity.search.fidelity import excess_at
 from jaxgrity.search.genetic_algorithm import distinct
 from jaxgrity.search.judging import standard_error, with_robots
-from jaxgrity.search.promotion import promote
+from jaxgrity.search.promotion import orbit_multipliers, promote
 from jaxgrity.structures import random_tensegrity
 
 pytestmark = pytest.mark.slow
@@ -295,7 +294,7 @@ def test_the_report_comes_before_the_search_counts_as_done(whole):
     assert whole.done_at_the_end
 
 
-@pytest.mark.parametrize(("stage", "done"), [("evolving", 1), ("polishing", 1)])
+@pytest.mark.parametrize(("stage", "done"), [("evolving", 1), pytest.param("polishing", 1, marks=pytest.mark.campaign)])
 def test_an_interrupted_search_is_resumed_to_the_very_same_end(exact, config, whole, interrupted, stage, done):
     """Wherever it was interrupted; generations that were saved are not evolved again."""
     folder, heard = interrupted(stage, done), []

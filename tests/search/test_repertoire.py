@@ -2,11 +2,14 @@
 
 import itertools
 
+import jax
 import numpy as np
 import pytest
 
-from jaxgrity import Fitness, Genome, InputError, SearchProblem, SolverOptions, Uncertainty
+from jaxgrity import ActuatorBounds, Fitness, Genome, InputError, SearchProblem, SolverOptions, Uncertainty
+from jaxgrity.model.actuation import peak_rates
 from jaxgrity.search import RepertoireConfig, repertoire
+from jaxgrity.search import repertoires as module
 
 CONFIG = RepertoireConfig(speed=(0.0, 0.03), bend=(-1.0, 1.0), cells=(8, 3), drawn=24, batch=16, rounds=4)
 OPTIONS = SolverOptions(dt=1e-2)
@@ -48,6 +51,19 @@ def test_a_repertoire_only_grows_better(found):
     for before, after in itertools.pairwise(rounds):
         known = np.isfinite(before.quality)
         assert np.all(after.quality[known] >= before.quality[known])
+
+
+def test_a_gait_with_a_robot_beyond_the_bound_on_rates_has_no_place(problem, found):
+    """As in a search: that the robot of the scene keeps the bound is not enough, if others are stronger."""
+    elites, _ = found
+    genes = elites.genes.reshape(-1, 4)[[np.nanargmax(elites.speed)]]
+    gait = problem.genome.gaits(problem.scene.gait, genes)
+    own = float(peak_rates(gait, problem.scene.structure.struts.rest_length).max())
+    for rate, placed in ((1.001 * own, False), (1.11 * own, True)):
+        fitness = Fitness(uncertainty=problem.fitness.uncertainty, robots=2, bounds=ActuatorBounds(rate=rate))
+        model = module.model_of(problem.scene, problem.duration, OPTIONS)
+        tried = module._tried(jax.random.key(0), problem._replace(fitness=fitness), model, genes)
+        assert np.isfinite(tried.speed).all() == placed
 
 
 def test_a_seed_repeats_its_repertoire(problem, found):

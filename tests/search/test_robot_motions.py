@@ -83,6 +83,27 @@ def test_swaying_is_no_speed_and_a_slope_is_looked_at_along_it(exact, monkeypatc
         np.testing.assert_allclose(found.bend, 0, atol=1e-6)
 
 
+@pytest.mark.parametrize("swings", [1, 2, 5])
+def test_swaying_on_a_circle_is_no_speed(exact, monkeypatch, swings):
+    """Towards the centre and away from it, so often in a cycle: at whatever moment of it one looks, by robots that are
+    elsewhere in the cycle than others."""
+    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
+    cycle, phase = 4 / float(scene.gait.frequency[0]), np.linspace(0, 2 * np.pi, 5)[:, None]
+
+    def rolled(key, model, gaits, duration, fitness, parts, with_metrics):
+        times = np.linspace(0, duration, parts + 1)
+        radius = 0.5 + 0.05 * np.sin(2 * np.pi * swings * times / cycle + phase)
+        path = np.stack([radius * np.cos(0.2 * times), radius * np.sin(0.2 * times), 0 * radius], -1)
+        none = np.zeros(5, int)
+        rest = {"positions": path[:, -1:], "steps": none, "rejected": none}
+        return gaits, None, jaxgrity.Outcomes(com_path=path, failure=none, metrics=None, method="", dt=None, **rest)
+
+    monkeypatch.setattr(module, "ensembles_rolled_out", rolled)
+    found = jaxgrity.search.robot_motions(scene, FRICTION, robots=5, duration=60.0, cycle=cycle)
+    np.testing.assert_allclose(found.speed, 0.1, rtol=1e-6)
+    np.testing.assert_allclose(found.bend, 2.0 * float(jaxgrity.model.body_length(scene)), rtol=1e-6)
+
+
 def test_all_may_fail(exact, monkeypatch):
     """Their speed is 0, and no bend is known."""
     monkeypatch.setattr(module, "ensembles_rolled_out", arcs([0.1, 0.1], [2, 1]))

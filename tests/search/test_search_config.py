@@ -22,7 +22,10 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.model.actuation import actuated_lengths, peak_rates, ramp_rates
+from jaxgrity.populations.uncertainty import ensemble
 from jaxgrity.search import ga_configs, genome_to_polish, search_problem
+from jaxgrity.search.judging import masses_and_lengths
+from jaxgrity.search.search_config import with_actuated
 
 
 def test_by_default_gaits_are_waves_and_look_for_steady_speed(exact):
@@ -54,6 +57,19 @@ def test_scaled_gaits_stay_within_the_bound_on_the_rate(exact):
         assert float(rates.max()) == pytest.approx(config.bounds.rate * most)
     unbounded = search_problem(exact, SearchConfig(waves="none", frequency=(0.3, 3.0), bounds=ActuatorBounds()))
     assert unbounded.genome.quickest == ()
+
+
+def test_scaled_gaits_of_cables_leave_room_for_less_prestress(exact):
+    """Robots with longer cables keep the bound on the rate too, and some nearly reach it."""
+    doubts = Uncertainty(prestress=0.3, actuation=0.02)
+    config = SearchConfig(members="cables", waves="none", frequency=(0.5, 2.5), uncertainty=doubts)
+    scene = with_actuated(exact, "cables")
+    problem = search_problem(scene, config)
+    gaits = problem.genome.gaits(scene.gait, np.random.default_rng(0).uniform(size=(32, problem.genome.size)))
+    robots, differences = ensemble(jax.random.key(0), scene, gaits, doubts, 16)
+    lengths = masses_and_lengths(scene, robots, differences)[1]
+    for rates in (peak_rates(robots, lengths), ramp_rates(robots, lengths)):
+        assert 0.95 < float(rates.max()) <= config.bounds.rate
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

@@ -148,13 +148,15 @@ EDGES = {
 
 
 @pytest.mark.slow
-def test_a_node_dropped_inside_an_edge_stays_there():
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.campaign] * (name in ("a stair", "a post"))) for name in EDGES]
+)
+def test_a_node_dropped_inside_an_edge_stays_there(name):
     """On treads, tops and shelves, 0.1 um to 20 mm inside their edges, with friction: it does not move sideways."""
-    for name, surface in EDGES.items():
-        starts = np.tile([-0.5, 0, 0.5], (len(INSIDE_BY), 1))
-        starts[:, 0] += INSIDE_BY
-        end = paths(surface, starts, None, ConeFriction(0.5), 0.4)[-1]
-        np.testing.assert_allclose(end, starts - [0, 0, 0.3], rtol=0, atol=1e-8, err_msg=name)
+    starts = np.tile([-0.5, 0, 0.5], (len(INSIDE_BY), 1))
+    starts[:, 0] += INSIDE_BY
+    end = paths(EDGES[name], starts, None, ConeFriction(0.5), 0.4)[-1]
+    np.testing.assert_allclose(end, starts - [0, 0, 0.3], rtol=0, atol=1e-8)
 
 
 @pytest.mark.slow
@@ -189,7 +191,9 @@ CURVES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CURVES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.campaign] * (name not in ("bumps", "ball"))) for name in CURVES]
+)
 def test_the_normal_on_a_curve_is_where_a_node_touches_it_first(name):
     """Of a node in contact at its place, of one that lands where it does, of one that does not reach the ground at the
     end of its way."""
@@ -263,7 +267,9 @@ def test_the_place_of_entry_has_the_derivative_of_the_root():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("friction", [None, ConeFriction(0.3)], ids=["smooth", "rough"])
+@pytest.mark.parametrize(
+    "friction", [None, pytest.param(ConeFriction(0.3), marks=pytest.mark.campaign)], ids=["smooth", "rough"]
+)
 def test_no_node_passes_a_wall_that_stands_on_the_floor(friction):
     """Thin and thick, met by nodes that slide along the floor, or land in the corner, by up to 3 cm a step.
 

@@ -46,7 +46,9 @@ def test_what_rests_does_not_move_midway(duration):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("duration", DURATIONS)
+@pytest.mark.parametrize(
+    "duration", [pytest.param(each, marks=[pytest.mark.campaign] * (each in (0.5, 0.23))) for each in DURATIONS]
+)
 def test_one_robot_and_many_take_the_same_steps(duration):
     """And so does the pure rollout; the step that was taken is told."""
     structure = Structure([[0, 0, 0.2], [0.6, 0, 1.0]], [1.0, 2.0], Members(((0, 1),), None, [1.0]))

@@ -86,7 +86,7 @@ def order(steps, found) -> float:
     ("mu", "coupled"),
     [
         (0.2, False),
-        pytest.param(None, False, marks=pytest.mark.slow),
+        pytest.param(None, False, marks=pytest.mark.campaign),
         pytest.param(0.2, True, marks=pytest.mark.campaign),
     ],
 )

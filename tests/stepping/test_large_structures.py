@@ -74,7 +74,9 @@ def test_both_ways_find_the_same_limit(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["exact", "rigid", "held, with mass in cables"])
+@pytest.mark.parametrize(
+    "name", ["exact", pytest.param("rigid", marks=pytest.mark.campaign), "held, with mass in cables"]
+)
 def test_closer_bounds_are_those_of_the_dense_motion(name):
     """The largest stiffness and damping among motions that keep the constraints, at most 2 % more."""
     for case in limits._cases(SCENES[name]()):

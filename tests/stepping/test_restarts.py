@@ -58,7 +58,7 @@ undamped = eqx.tree_at(
 ALL["verlet"] = undamped, "verlet"
 
 
-MARKS = {"swept": (), **dict.fromkeys(("with restitution", "rk4", "tsit5", "in a bowl", "shaken"), pytest.mark.slow)}
+MARKS = {"swept": (), **dict.fromkeys(("with restitution", "rk4", "in a bowl", "shaken"), pytest.mark.slow)}
 """of those cut into single steps"""
 
 

@@ -74,7 +74,7 @@ def test_parts_are_what_bodies_and_rigid_struts_join():
 @pytest.mark.parametrize(
     ("third", "balls", "fixed"),
     [
-        (False, 0, ()),
+        pytest.param(False, 0, (), marks=pytest.mark.slow),
         pytest.param(True, 0, (), marks=pytest.mark.campaign),
         pytest.param(True, 5, (), marks=pytest.mark.campaign),
         pytest.param(True, 4, (), marks=pytest.mark.campaign),

@@ -104,7 +104,7 @@ def test_a_rigid_pendulum_follows_its_pivot_at_second_order():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.campaign)])
 def test_exact_stepping_takes_supports_to_where_they_are(dtype):
     """A tenth of a period a step, a thousand of them: places and velocities are those of the motion, to rounding."""
     fast = Shaking([0.002, 0.0, 0.001], 20.0, ramp=0.5)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -61,9 +62,10 @@ def test_frames_go_from_the_start_to_the_end(duration, rate, frames):
 def test_without_float64_rollouts_are_in_float32(tmp_path):
     """After a description too, which takes float64 for a while; nothing warns. Bare phases are refused as gaits."""
     code = (
-        "import jaxgrity; scene = jaxgrity.load_scene('exact'); jaxgrity.describe(scene); "
+        f"import sys; sys.path.append({str(Path(__file__).parents[1])!r})\n"
+        "import jaxgrity, small_scenes; scene = small_scenes.swept(); jaxgrity.describe(scene); "
         "motion = jaxgrity.simulate(scene, 0.1); print(motion.failed, motion.positions.dtype)\n"
-        "try: jaxgrity.simulate_population(scene, [[0.0] * 6], 0.1)\n"
+        "try: jaxgrity.simulate_population(scene, [[0.0]], 0.1)\n"
         "except jaxgrity.InputError as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, cwd=tmp_path)

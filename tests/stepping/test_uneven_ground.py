@@ -327,7 +327,7 @@ def test_solved_together_the_robot_moves_on_bumps_as_by_sweeps(exact):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", [pytest.param("float32", marks=pytest.mark.campaign), "float64"])
 def test_the_derivative_is_finite_where_a_node_comes_to_rest_on_a_curve(dtype):
     """It lands in a bowl, slides and sticks: against differences."""
     start = node(ExactGround(surface=BOWL), 0.4, 0.1, ConeFriction(0.3), above=0.02)
