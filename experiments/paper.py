@@ -15,7 +15,8 @@ from typing import Any
 
 from jaxgrity.cli.script import configure, run
 
-from measurements.pages import fill_page, save_compact, table
+from measurements.measurement import DIGITS, Figure
+from measurements.pages import fill_page, rounded, save_compact, table
 from paper_claims.report import VERDICTS
 from tqdm import tqdm
 
@@ -53,14 +54,21 @@ class Settings:
     """folder with paper.md, for its tables, images/ and measured/paper.json"""
     page_only: bool = False
     """fill the page's tables again from measured/paper.json, and check nothing"""
+    redraw: tuple[int, ...] = ()
+    """numbers of claims whose figures are drawn anew from measured/paper.json, and nothing checked"""
     quick: bool = False
     """everything small: shows that it runs, and measures nothing; the page goes into `out`"""
 
 
 def main(settings: Settings) -> None:
-    unknown = [k for k in settings.claims if not 1 <= k <= len(CLAIMS)]
+    unknown = [k for k in (*settings.claims, *settings.redraw) if not 1 <= k <= len(CLAIMS)]
     if unknown:
         raise InputError(f"claims = {unknown}: expected numbers from 1 to {len(CLAIMS)}")
+    if settings.redraw:
+        for claim in load_facts(settings.docs)["claims"]:
+            if claim["number"] in settings.redraw:
+                plot.save(drawn(claim), settings.docs / "images" / claim["figures"][0])
+        return
     if settings.page_only:
         fill_page(settings.docs / "paper.md", tables(load_facts(settings.docs)))
         return
@@ -88,19 +96,29 @@ def check(task: tuple[str, Path, bool]) -> tuple[str, dict[str, Any]]:
     """Check one claim, and leave its numbers and figures in the folder."""
     name, out, quick = task
     report = importlib.import_module(f"paper_claims.{name}").check(quick)
-    for label, figure in report.figures.items():
-        plot.save(figure, out / f"paper_{label}.png")
+    picture = f"paper_{report.picture}.png"
     if report.motion is not None:
         view.keep_html(*report.motion, out / f"replay_{name}.html", title=report.title)
     facts = {
         "number": CLAIMS.index(name) + 1,
         "title": report.title,
         "rows": [row._asdict() for row in report.rows],
-        "figures": [f"paper_{label}.png" for label in report.figures],
+        "figures": [picture],
+        "drawn": report.drawn,
         "facts": report.facts,
     }
     save_json(out / f"{name}.json", facts)
-    return name, json.loads((out / f"{name}.json").read_text())
+    found = json.loads((out / f"{name}.json").read_text())
+    plot.save(drawn(found), out / picture)
+    return name, found
+
+
+def drawn(claim: dict[str, Any]) -> Figure:
+    """The figure of a claim. Raises `InputError` where it lacks what that shows."""
+    if "drawn" not in claim:
+        place = f"redraw = {claim['number']}: measured/paper.json"
+        raise InputError(f"{place} holds less than the figure shows; measure again")
+    return importlib.import_module(f"paper_claims.{CLAIMS[claim['number'] - 1]}").figure(**claim["drawn"])
 
 
 def write_page(reports: list[dict], settings: Settings, docs: Path) -> None:
@@ -118,7 +136,8 @@ def write_page(reports: list[dict], settings: Settings, docs: Path) -> None:
 def facts(reports: list[dict]) -> dict[str, Any]:
     """What the page quotes of the reports."""
     kept = ("number", "title", "rows", "figures")
-    return {"claims": [{key: report[key] for key in kept} for report in reports]}
+    shown = [rounded(report["drawn"], DIGITS) for report in reports]
+    return {"claims": [{key: each[key] for key in kept} | {"drawn": drawn} for each, drawn in zip(reports, shown)]}
 
 
 def load_facts(docs: Path) -> dict[str, Any]:

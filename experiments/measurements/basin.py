@@ -20,7 +20,7 @@ NEAR = 0.05
 """body lengths, by which heights of nodes and distances between them may differ from the orbit's at most"""
 
 
-@measurement(page="gait_records.md", quick={"robots": 8, "duration": 20.0, "contacts": ("own",)}, raw=("shares",))
+@measurement(page="gait_records.md", quick={"robots": 8, "duration": 20.0, "contacts": ("own",)}, drawn=("shares",))
 def basin(
     contacts: tuple[str, ...] = ("own", "other"),
     robots: int = 256,
@@ -86,7 +86,7 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@basin.figure(6, 3.5)
+@basin.figure(4.2)
 def figure(record: Record, chart: Figure) -> None:
     """The share of robots that roll, over time."""
     shares = {f"{row['gait']}, {row['contact']}": np.asarray(row["shares"]) for row in record["rows"]}
@@ -95,4 +95,4 @@ def figure(record: Record, chart: Figure) -> None:
         times = PART * np.arange(len(share) + 1)
         axes.stairs(100 * share, times, label=name, baseline=None, linewidth=1.8)
     axes.set(xlabel="time since the drop (s)", ylabel="robots that roll (%)", ylim=(0, 103))
-    axes.legend()
+    chart.legend(loc="outside upper center", ncols=2)

@@ -13,11 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 from measurements.engines import C_SWEEPS, Engine, clock, engines, numpy_roll, ours, seconds_of
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import table
+from measurements.pages import by_name, table
 from tqdm import tqdm
 
 from jaxgrity import InputError, Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
 from jaxgrity.populations import lanes_last, roll_out_lanes
+from jaxgrity.report import plot
 from jaxgrity.search import distance_and_gradient
 from jaxgrity.stepping import resolve
 
@@ -66,6 +67,7 @@ class Point(NamedTuple):
     page="performance.md",
     quick={"duration": 0.5, "repeats": 2, "steps": 1},
     raw=("points", "numpy_off"),
+    drawn=("lines",),
     listed=False,
 )
 def benchmark(
@@ -112,6 +114,7 @@ def benchmark(
         "gradient": gradient,
         "rollouts_per_second": [{"error": target, "rates": rates(points, target, duration)} for target in TARGETS],
         "points": [point._asdict() for point in points],
+        "lines": lines_of(points),
         "numpy_off": numpy_off,
     }
 
@@ -260,20 +263,28 @@ def gradient_cost(scene: Scene, phases: np.ndarray, horizon: float, repeats: int
     return {"phases": phases.shape[1], "reverse": float(reverse / alone)}
 
 
-@benchmark.figure(9, 4.8)
+def lines_of(points: list[Point]) -> Record:
+    """Costs and errors of each engine in each precision, where its error is a number."""
+    found: dict[str, list[Record]] = {}
+    for point in points:
+        if np.isfinite(point.error):
+            found.setdefault(f"{point.engine} {point.dtype}", []).append(point._asdict())
+    return {name: by_name(mine, "seconds", "error") for name, mine in found.items()}
+
+
+@benchmark.figure(6.4)
 def figure(record: Record, chart: Figure) -> None:
     """Error against wall time, a line for each engine and precision."""
-    axes, points = chart.subplots(), [Point(**point) for point in record["points"]]
-    colours = {name: f"C{k}" for k, name in enumerate(STEPS)}
-    for name, dtype in dict.fromkeys((p.engine, p.dtype) for p in points):
-        line = [p for p in points if (p.engine, p.dtype) == (name, dtype) and np.isfinite(p.error)]
-        style = {"color": colours[name], "ls": "-" if dtype == "float64" else ":", "marker": "o", "ms": 4}
-        style |= {} if dtype == "float64" else {"mfc": "white"}
-        axes.loglog(
-            [p.seconds for p in line], [p.error for p in line], label=f"{WRITTEN.get(name, name)}, {dtype}", **style
-        )
-    axes.axvline(record["numpy_seconds"], color="k", ls="--", lw=0.8, label="NumPy loop, RK4 at 5e-4 s")
-    axes.axvline(1, color="k", ls=":", lw=0.8, label="real time")
+    axes = chart.subplots()
+    looks = {name: (f"C{k}", marker) for k, (name, marker) in enumerate(zip(STEPS, plot.MARKERS))}
+    names = {"rk4": "jaxgrity, RK4", "complementarity": "jaxgrity, exact contact", **WRITTEN}
+    for line, found in record["lines"].items():
+        name, _, dtype = line.rpartition(" ")
+        colour, marker = looks[name]
+        style = {"color": colour, "marker": marker, "ms": 6}
+        style |= {} if dtype == "float64" else {"mfc": "white", "ls": ":"}
+        axes.loglog(found["seconds"], found["error"], label=f"{names.get(name, name)}, {dtype}", **style)
+    for at, colour, label in ((record["numpy_seconds"], "0.5", "NumPy loop, RK4 at 0.5 ms"), (1, "black", "real time")):
+        axes.axvline(at, color=colour, lw=1.2, label=label)
     axes.set(xlabel="wall time per gait and simulated second (s)", ylabel="median error of the last centre of mass (m)")
-    axes.grid(alpha=0.3)
-    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    chart.legend(loc="outside lower center", ncols=2)

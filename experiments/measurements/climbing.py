@@ -12,6 +12,7 @@ from measurements.measurement import Figure, Record, measurement
 from measurements.pages import table
 
 from jaxgrity import Differences, SolverOptions, contact_twin, gaits_of, load_gait, load_scene, simulate_population
+from jaxgrity.report import plot
 from jaxgrity.stepping import default_method, default_step
 
 CLIMBS = 0.1
@@ -75,15 +76,15 @@ def steepest_climbed(rows: list[Record], way: str, k: int) -> str:
     return f"{climbed[-1]['slope']:g}°" if climbed else "none"
 
 
-@climbing.figure(8, 3.2)
+@climbing.figure(3.6)
 def figure(record: Record, chart: Figure) -> None:
     """Speed uphill against the slope, for each coefficient of friction."""
     rows, friction = record["rows"], record["friction"]
     panes = chart.subplots(1, 2, sharey=True)
     for axes, name, title in zip(panes, ("own", "other"), ("exact contact", "penalty contact")):
         speeds = np.array([row[name] for row in rows])
-        for k, mu in enumerate(friction):
-            axes.plot([row["slope"] for row in rows], speeds[:, k], "o-", label=f"friction {mu:.2g}")
+        for k, (mu, marker) in enumerate(zip(friction, plot.MARKERS)):
+            axes.plot([row["slope"] for row in rows], speeds[:, k], f"{marker}-", label=f"friction {mu:.2g}")
         axes.axhline(0, color="black", linewidth=0.8)
         axes.set(title=title, xlabel="slope (degrees)")
     panes[0].set_ylabel("speed uphill (m/s)")

@@ -11,7 +11,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import columns
+from measurements.pages import by_name, columns
 from tqdm import tqdm
 
 from jaxgrity import Scene, centre_path, load_gait, load_scene, simulate, with_gait
@@ -37,8 +37,11 @@ WATCHED = 52.01
 SETTLING, SHOWN = 8, 24
 """periods at the end, after some that are left to settling, whose speeds the figure shows"""
 
+DRAWN = "value", "on_orbit", "multiplier", "each"
+"""what the figure shows of each value"""
 
-@measurement(page="gait_records.md", quick={"quick_values": True}, raw=("each", "speed", "body_length"))
+
+@measurement(page="gait_records.md", quick={"quick_values": True}, raw=("speed", "body_length"), drawn=("each",))
 def continuation(gait: str = "straight", quick_values: bool = False) -> Iterator[Record]:
     """A row for each quantity.
 
@@ -50,7 +53,7 @@ def continuation(gait: str = "straight", quick_values: bool = False) -> Iterator
     own = find_orbit(scene, 2 * WATCHED / float(scene.gait.frequency[0]))
     for name, ways in ({"friction": (np.array([1.0, 0.9]),)} if quick_values else VALUES).items():
         each = [row for values in ways for row in followed(scene, own, name, tqdm(values, desc=name))]
-        yield {"quantity": name, **span(each), "each": each}
+        yield {"quantity": name, **span(each), "each": by_name(each, *DRAWN)}
     return {"speed": own.speed, "body_length": own.body_length}
 
 
@@ -159,30 +162,26 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@continuation.figure()
+@continuation.figure(5)
 def figure(record: Record, chart: Figure) -> None:
     """Of each quantity the speed in every one of the last periods, and the largest multiplier."""
-    rows = [row | one for row in record["rows"] for one in row["each"]]
-    names = list(dict.fromkeys(row["quantity"] for row in rows))
-    chart.set_size_inches(2.2 * len(names) + 0.6, 4.5)
-    grid = chart.subplots(2, len(names), sharex="col", sharey="row", squeeze=False)
-    for column, name in enumerate(names):
-        mine = [row for row in rows if row["quantity"] == name]
-        for row in mine:
-            look = (
-                {"color": "C0", "label": "on the orbit"} if row["on_orbit"] else {"color": "0.6", "label": "orbit lost"}
-            )
-            grid[0, column].plot([row["value"]] * len(row["each"]), row["each"], ".", markersize=3, **look)
-        held = sorted(
-            (row["value"], row["multiplier"]) for row in mine if row["on_orbit"] and row["multiplier"] is not None
-        )
-        grid[1, column].semilogy(*np.array(held).T, "o-", markersize=3)
-        grid[1, column].axhline(1, color="0.7", linewidth=0.8, zorder=0)
-        grid[0, column].set_title(name.replace(" of ", "\nof "), fontsize="medium")
-        grid[1, column].set(xlabel=UNITS.get(name, "factor"))
+    grid = chart.subplots(2, len(record["rows"]), sharex="col", sharey="row", squeeze=False)
+    for (above, below), quantity in zip(grid.T, record["rows"]):
+        each = [dict(zip(DRAWN, values)) for values in zip(*(quantity["each"][name] for name in DRAWN))]
+        for row in each:
+            look = {"color": "C0", "marker": "."} if row["on_orbit"] else {"color": "0.6", "marker": "x"}
+            label = "a period on the orbit" if row["on_orbit"] else "a period after the orbit is lost"
+            above.plot([row["value"]] * len(row["each"]), row["each"], linestyle="", markersize=4, label=label, **look)
+        known = [row for row in each if row["on_orbit"] and row["multiplier"] is not None]
+        held = np.array(sorted((row["value"], row["multiplier"]) for row in known)).reshape(-1, 2)
+        below.semilogy(*held.T, "s-", color="C2", markersize=3, label="largest multiplier")
+        below.axhline(1, color="0.6", linewidth=0.8, zorder=0)
+        name = quantity["quantity"]
+        above.set_title(name.replace(" of ", "\nof "))
+        below.set(xlabel=UNITS.get(name, "factor"))
         if name.startswith("stiffness of"):
-            grid[1, column].set_xscale("log", base=2)
+            below.set_xscale("log", base=2)
     grid[0, 0].set(ylabel="speed in each period\n(body lengths/s)", ylim=(0, None))
-    grid[1, 0].set(ylabel="largest multiplier")
-    named = {label: line for axes in grid[0] for line, label in zip(*axes.get_legend_handles_labels())}
-    chart.legend(named.values(), named, loc="outside upper right", ncols=2)
+    grid[1, 0].set(ylabel="largest Floquet multiplier")
+    named = {label: line for axes in grid.flat for line, label in zip(*axes.get_legend_handles_labels())}
+    chart.legend(named.values(), named, loc="outside lower center", ncols=3)

@@ -18,16 +18,17 @@ from measurements.pages import table
 
 from jaxgrity import SearchConfig, gait_record, load_scene
 from jaxgrity.model import symmetries
+from jaxgrity.report import plot
 
 ENOUGH = 0.7
 """Share of what the intact robot reaches from which on a gait counts as recovered."""
-OTHER, BEYOND = "on the other contact model", "beyond actuator bounds"
 
 
 @measurement(
     page="search_records.md",
     quick={"cases": ("cable 7", "strut 1"), "duration": 5.0, "population": 16, "generations": 1, "images": 1},
-    raw=("intact", "damaged", "recovered"),
+    raw=("recovered",),
+    drawn=("intact", "damaged"),
 )
 def damage(
     gait: str = "lasting",
@@ -142,24 +143,28 @@ def recovered(cases: dict[str, Ways], intact: Ways, kind: str) -> dict[str, Any]
     return {"cases": len(some), "best": of_best}
 
 
-@damage.figure(10.5, 5)
+@damage.figure()
 def figure(record: Record, chart: Figure) -> None:
     """Steady speed of each robot on each of the ways, and what counts as recovered."""
     robots, top = {"intact": record["intact"]} | record["damaged"], fastest(record["intact"])["own"]["mean"]
+    chart.set_figheight(0.5 * len(robots) + 1.6)
     axes = chart.subplots()
-    x, width = np.arange(len(robots)), 0.85 / len(WAYS)
-    for k, way in enumerate(WAYS):
-        rows, place = [robot[way] for robot in robots.values()], x + width * (k - (len(WAYS) - 1) / 2)
-        speed, spread = ([row["own"][name] for row in rows] for name in ("mean", "standard_deviation"))
-        axes.bar(place, speed, width, label=way, yerr=spread, error_kw={"lw": 0.6})
-        axes.plot(place, [row["other"]["mean"] for row in rows], "k.", ms=4, label=None if k else OTHER)
-        beyond = [not row["within_bounds"] for row in rows]
-        axes.plot(place[beyond], np.zeros(sum(beyond)) + 0.03, "kx", ms=5, label=None if k else BEYOND)
-    axes.axhline(top, color="black", lw=1, label="the intact robot's best")
-    axes.axhline(record["enough"] * top, color="black", lw=1, ls="--", label=f"{record['enough']:.0%} of that")
-    axes.axvline(0.5, color="grey", lw=0.8)
-    axes.grid(visible=False, axis="x")
-    axes.set_xticks(x, list(robots), rotation=90 if len(robots) > 10 else 0)
-    title = "mean speed of perturbed robots, and its standard deviation"
-    axes.set(xlim=(-0.5, len(x) - 0.5), ylim=(0, None), ylabel="steady speed (body lengths/s)", title=title)
-    chart.legend(ncols=4, loc="outside lower center")
+    rows = np.arange(len(robots))
+    for k, (way, marker) in enumerate(zip(WAYS, plot.MARKERS)):
+        own = [robot[way]["own"] for robot in robots.values()]
+        speed, spread = (np.array([row[name] for row in own], float) for name in ("mean", "standard_deviation"))
+        within = np.array([robot[way]["within_bounds"] for robot in robots.values()])
+        look = {"color": f"C{k}", "marker": marker, "linestyle": "", "markersize": 5}
+        place = rows + 0.16 * (k - (len(WAYS) - 1) / 2)
+        axes.errorbar(speed[within], place[within], xerr=spread[within], **look, lw=0.6, label=way)
+        axes.plot(speed[~within], place[~within], **look, markerfacecolor="white")
+    axes.plot([], [], "o", color="grey", markerfacecolor="white", label="hollow: beyond actuator bounds")
+    axes.axvline(top, color="black", lw=1, label="the intact robot's best")
+    axes.axvline(record["enough"] * top, color="C6", lw=1, ls="--", label=f"{record['enough']:.0%} of that")
+    for between in rows[1:] - 0.5:
+        axes.axhline(between, color="grey", lw=0.8, alpha=1.0 if between == 0.5 else 0.3)
+    axes.grid(visible=False, axis="y")
+    axes.set_yticks(rows, list(robots))
+    axes.set(ylim=(len(rows) - 0.5, -0.5), xlim=(0, None))
+    axes.set_xlabel("steady speed (body lengths/s): mean and standard deviation of perturbed robots")
+    chart.legend(ncols=3, loc="outside lower center")

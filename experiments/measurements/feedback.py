@@ -262,7 +262,7 @@ def _told(
     }
 
 
-@feedback.figure(6.5, 7)
+@feedback.figure(7.5)
 def figure(record: Record, chart: Figure) -> None:
     """The share of robots that roll in every case."""
     axes = chart.subplots()

@@ -42,7 +42,7 @@ class Trial(NamedTuple):
 @measurement(
     page="control.md",
     quick={"trials": 1, "samples": 8, "patience": 2.0, "twin": False},
-    raw=("rows", "ground"),
+    drawn=("rows", "ground"),
 )
 def goals(
     ground: Literal["slope", "bumps"],
@@ -146,18 +146,20 @@ def blind(trial: Trial, duration: float) -> dict[str, bool]:
     return found
 
 
-@goals.figure(6, 3.8)
+@goals.figure(4.8)
 def figure(record: Record, chart: Figure) -> None:
     """The paths of all trials, from above."""
     axes = chart.subplots()
-    for row in record["rows"]:
-        axes.plot(row["path"][:, 1], row["path"][:, 0], linewidth=0.9, alpha=0.8)
-    axes.plot(*GOAL[::-1], "o", markersize=9, markerfacecolor="none", color="black")
-    axes.plot(0, 0, "s", markersize=7, markerfacecolor="none", color="black")
-    axes.annotate("start", (0, 0), textcoords="offset points", xytext=(8, 8))
-    axes.annotate("goal", GOAL[::-1], textcoords="offset points", xytext=(8, 8))
+    for k, row in enumerate(record["rows"]):
+        path = np.asarray(row["path"], float)
+        axes.plot(path[:, 1], path[:, 0], color="C0", linewidth=0.9, alpha=0.6, label=None if k else "path of a trial")
+    axes.plot(0, 0, "s", markersize=8, color="C1", label="start")
+    axes.plot(*GOAL[::-1], "*", markersize=13, color="C2", label="goal")
     across, downhill = (
         ("y, across the slope (m)", "x, downhill (m)") if record["ground"] == "slope" else ("y (m)", "x (m)")
     )
     axes.set(xlabel=across, ylabel=downhill, aspect="equal")
     axes.invert_yaxis()
+    width, height = (np.ptp(axes.get_xlim()), np.ptp(axes.get_ylim()))
+    chart.set_figheight(7.2 * height / width + 1.4)
+    chart.legend(loc="outside lower center", ncols=3)

@@ -17,6 +17,7 @@ from measurements.pages import table
 
 from jaxgrity import Gait, Scene, SolverOptions, as_dtype, gaits_of, load_scene, random_phases
 from jaxgrity.populations import discretise_lanes
+from jaxgrity.report import plot
 from jaxgrity.search import checkpointed_end, distances
 from jaxgrity.stepping import ResolvedOptions, resolve
 
@@ -229,24 +230,24 @@ def temporary(scene: Scene, gaits: Gait, name: str, horizon: float) -> int:
     return compiled.memory_analysis().temp_size_in_bytes
 
 
-@gradients.figure(11, 4)
+@gradients.figure(6.8)
 def figure(record: Record, chart: Figure) -> None:
     """Time of each mode in rollouts, and the memory of the reverse modes against the length of the rollout."""
-    left, right = chart.subplots(1, 2)
+    above, below = chart.subplots(2, 1)
     names = list(dict.fromkeys(row["mode"] for row in record["rows"]))
     cases = cases_of(record)
     for k, case in enumerate(cases):
         heights = [row["rollouts"] for row in record["rows"] if (row["gaits"], row["parameters"]) == case]
-        left.barh(np.arange(len(names)) + 0.2 * k, heights, 0.18, label=label(case))
-    left.set_yticks(np.arange(len(names)) + 0.1 * (len(cases) - 1), names)
-    left.invert_yaxis()
-    left.set(xscale="log", xlim=(1, None), xlabel="time of a gradient, in rollouts")
-    above = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}  # where no bar and no curve is
-    left.legend(ncols=2, **above)
-    for name, found in record["memory"].items():
-        right.loglog(record["lengths"], np.array(found) / 2**20, "o-", label=name)
-    right.set(xlabel="length of the rollout (s)", ylabel=f"memory (MiB),\n{cases[-1][0]} gaits, 6 parameters")
-    right.set_xticks(record["lengths"], [f"{t:g}" for t in record["lengths"]])
-    right.minorticks_off()
-    right.legend(**above)
-    right.grid(alpha=0.3)
+        above.barh(np.arange(len(names)) + 0.2 * k, heights, 0.18, label=label(case))
+    above.set_yticks(np.arange(len(names)) + 0.1 * (len(cases) - 1), names)
+    above.invert_yaxis()
+    above.grid(axis="y", visible=False)
+    above.set(xscale="log", xlim=(1, None), xlabel="time of a gradient, in rollouts")
+    for (name, found), marker in zip(record["memory"].items(), plot.MARKERS):
+        below.loglog(record["lengths"], np.array(found) / 2**20, f"{marker}-", label=name)
+    below.set(xlabel="length of the rollout (s)", ylabel=f"memory (MiB),\n{cases[-1][0]} gaits, 6 parameters")
+    below.set_xticks(record["lengths"], [f"{t:g}" for t in record["lengths"]])
+    below.minorticks_off()
+    over = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}  # where no bar and no curve is
+    above.legend(**over, ncols=2)
+    below.legend(**over, ncols=2)

@@ -43,6 +43,9 @@ JITTER = {False: 0.2, True: 0.5}
 JUMP = (3e-5, 3e-4)
 """m and m/s, by which windows may miss each other: the data come from the same laws"""
 
+INTERVAL = 1.96
+"""standard errors in half of a 95 % interval"""
+
 
 STEP = 5e-4
 """Step of the model that is fitted, s; the data are simulated at half of it."""
@@ -73,7 +76,10 @@ CASES = {
 
 
 @measurement(
-    page="identification.md", quick={"cases": ("dropped",), "trials": 1, "duration": 0.2, "height": 0.0}, raw=("rows",)
+    page="identification.md",
+    quick={"cases": ("dropped",), "trials": 1, "duration": 0.2, "height": 0.0},
+    raw=("rows",),
+    drawn=("throws",),
 )
 def identification(
     cases: tuple[str, ...] = tuple(CASES),
@@ -98,14 +104,25 @@ def identification(
     check_names("cases", cases, CASES)
     asked = {name: each for name, each in (("duration", duration), ("height", height)) if each is not None}
     resting = np.asarray(simulate(with_gait(load_scene("reference"), None), SETTLING, frame_rate=1.0).positions[-1])
-    found = {}
+    found, throws = {}, {}
     for name in cases:
         case, rows = CASES[name]._replace(**asked), []
         for trial in range(max(1, round(case.share * trials))):
             rows.append(one_throw(case, resting, speed, np.random.default_rng([seed, trial])))
             yield {"case": name} | rows[-1]
         found[name] = facts_of(case, rows)
-    return {"cases": found}
+        if case.parameters == FOUR:
+            throws[name] = thrown(rows)
+    return {"cases": found, "throws": throws}
+
+
+def thrown(rows: list[Record]) -> Record:
+    """What the figure shows, (throws, parameters) each: errors and half of the intervals, in % of what is true."""
+    true, found, error = (
+        np.array([row[key] for row in rows], float) for key in ("true", "identified", "standard_error")
+    )
+    inside = [row["inside"] for row in rows]
+    return {"off": 100 * (found / true - 1), "half": 100 * INTERVAL * error / true, "inside": inside}
 
 
 @identification.table
@@ -201,18 +218,26 @@ def summary(rows: list[dict], k: int, parameter: Parameter) -> dict[str, Any]:
 @identification.figure()
 def figure(record: Record, chart: Figure) -> None:
     """Identified less true, with 95 % intervals, trial by trial, of the throws with four unknown parameters."""
-    shown = [name for name in record["cases"] if CASES[name].parameters == FOUR]
-    chart.set_size_inches(9, 3.2 * len(shown))
-    for line, name in zip(chart.subplots(len(shown), len(FOUR), squeeze=False), shown):
+    chart.set_figheight(3.4 * len(record["throws"]) + 0.6)
+    looks = {
+        True: ("C0", "o", "95 % interval contains the truth"),
+        False: ("C1", "X", "95 % interval misses the truth"),
+    }
+    grid = chart.subplots(len(record["throws"]), len(FOUR), squeeze=False)
+    for line, (name, throws) in zip(grid, record["throws"].items()):
+        off, half = (np.array(throws[key], float) for key in ("off", "half"))
+        inside, trial = np.array(throws["inside"]), np.arange(1, len(off) + 1)
         for k, axes in enumerate(line):
-            for trial, row in enumerate(row for row in record["rows"] if row["case"] == name):
-                if row["identified"][k] is not None:
-                    off = 100 * (row["identified"][k] / row["true"][k] - 1)
-                    half = 196 * row["standard_error"][k] / row["true"][k]
-                    axes.errorbar(off, trial, xerr=half, fmt=".", color="C0" if row["inside"][k] else "C1", linewidth=1)
+            for covered, (colour, marker, label) in looks.items():
+                some = (inside[:, k] == covered) & np.isfinite(off[:, k])
+                bars = {"xerr": half[some, k], "color": colour, "fmt": marker, "markersize": 3, "linewidth": 1}
+                axes.errorbar(off[some, k], trial[some], **bars, label=label)
             axes.axvline(0, color="black", linewidth=0.8)
             title = FOUR[k].path.removeprefix("structure.").replace(".", " ").replace("_", " ")
-            axes.set(title=title, xlabel="error (%)", ylabel=f"throw, {name}" if k == 0 else "")
-    for colour, label in (("C0", "interval of 95 % contains the truth"), ("C1", "interval misses the truth")):
-        chart.axes[0].plot([], [], ".-", color=colour, label=label)
-    chart.legend(loc="outside upper center", ncols=2)
+            axes.set(
+                title=title,
+                xlabel="error (%)",
+                ylabel=f"number of the throw\n(robot {CASES[name].words})" if k == 0 else "",
+            )
+            axes.yaxis.get_major_locator().set_params(integer=True)
+    chart.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)

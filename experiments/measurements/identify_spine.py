@@ -46,7 +46,7 @@ class Rig(eqx.Module):
     """m, by which each cable is longer on the way up"""
 
 
-@measurement(page="validation.md", quick={"every": 10}, raw=("as_sold", "identified"))
+@measurement(page="validation.md", quick={"every": 10}, drawn=("as_sold", "identified"))
 def spine(every: int = 1) -> Record:
     """The estimates, and errors in the runs that they were not fitted to.
 
@@ -130,16 +130,20 @@ def fitted_statics(robot: Spine, shapes: np.ndarray, every: slice) -> tuple[Iden
     return found, errors[0], errors[1]
 
 
-@spine.figure(9, 5.5)
+@spine.figure(6.5)
 def figure(record: Record, chart: Figure) -> None:
     """Errors in the runs held out, before and after."""
-    for k, (axes, name, unit) in enumerate(zip(chart.subplots(3, sharex=True), POSE, ("mm", "mm", "degrees"))):
-        for kind, colour in (("as_sold", "C1"), ("identified", "C0")):
-            error = record[kind][:, :, k]
-            axes.plot(error.T, color=colour, linewidth=0.4, alpha=0.6)
-            axes.plot(np.nanmean(error, axis=0), color=colour, label=kind.replace("_", " "))
+    panes = chart.subplots(3, sharex=True)
+    looks = {"as_sold": ("C1", "^", "as sold"), "identified": ("C0", "o", "identified")}
+    for k, (axes, name, unit) in enumerate(zip(panes, POSE, ("mm", "mm", "degrees"))):
+        for kind, (colour, marker, label) in looks.items():
+            error = np.array(record[kind], float)[:, :, k]
+            at = np.arange(1, error.shape[1] + 1)
+            axes.plot(at, error.T, color=colour, linewidth=0.4, alpha=0.6)
+            mean = {"marker": marker, "markevery": 10, "markersize": 5, "label": f"{label}, mean of the runs"}
+            axes.plot(at, np.nanmean(error, axis=0), color=colour, **mean)
         axes.axhline(0, color="black", linewidth=0.8)
         axes.set_ylabel(f"{name} ({unit})")
-    chart.axes[0].set_title("Camera less simulation, runs held out: each, and their mean")
-    chart.legend(*chart.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    chart.axes[2].set_xlabel("command")
+    panes[0].set_title("Camera less simulation in the runs held out (thin: each run)")
+    panes[2].set_xlabel("command")
+    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)

@@ -11,6 +11,7 @@ from measurements.measurement import Figure, Record, measurement
 from measurements.pages import columns
 
 from jaxgrity import ActuatorBounds, SearchConfig, centre_path, load_scene, search_gaits, simulate
+from jaxgrity.report import plot
 from jaxgrity.search import JumpHeight
 from jaxgrity.stepping import resolve
 
@@ -22,7 +23,7 @@ SHOWN = 200
 
 @measurement(
     page="gait_records.md",
-    raw=("times", "heights"),
+    drawn=("times", "heights"),
     quick={"rates": (2.0,), "duration": 2.5, "population": 8, "generations": (1, 1)},
 )
 def jumps(
@@ -88,13 +89,14 @@ def _with_spread(robots: Record) -> str:
     return f"{robots['mean']:.3f} ({robots['standard_deviation']:.2g})"
 
 
-@jumps.figure(6.5, 3.2)
+@jumps.figure(4)
 def figure(record: Record, chart: Figure) -> None:
     """Heights of the centre of mass over time."""
     axes = chart.subplots()
-    for row in record["rows"]:
+    for row, marker in zip(record["rows"], plot.MARKERS):
         start = np.interp(record["begins"], row["times"], row["heights"])
-        axes.plot(row["times"], np.array(row["heights"]) - start, label=f"{row['rate']:g} m/s")
+        look = {"marker": marker, "markevery": 0.08, "markersize": 5}
+        axes.plot(row["times"], np.array(row["heights"]) - start, **look, label=f"{row['rate']:g} m/s")
     axes.axvline(record["begins"], color="0.6", linewidth=1, linestyle=":")
     axes.set(xlabel="time (s)", ylabel="rise of the centre of mass (m)")
     chart.legend(loc="outside right upper", title="largest rate")

@@ -10,9 +10,10 @@ from measurements.pages import columns
 
 from jaxgrity import SolverOptions, contact_twin, load_scene, with_error
 from jaxgrity.control import LearningConfig, environment, learn, learner, trials
+from jaxgrity.report import plot
 
 
-@measurement(page="environments.md", quick={"updates": 2, "robots": 8, "episodes": 2}, raw=("curve",))
+@measurement(page="environments.md", quick={"updates": 2, "robots": 8, "episodes": 2}, drawn=("curve",))
 def learning(
     seeds: tuple[int, ...] = (0, 1, 2),
     updates: int = 300,
@@ -68,13 +69,15 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@learning.figure(6, 3.5)
+@learning.figure(4.2)
 def figure(record: Record, chart: Figure) -> None:
     """Progress of the policies that are tried, against control periods."""
     axes = chart.subplots()
-    for row in record["rows"]:
+    for row, marker in zip(record["rows"], plot.MARKERS):
         at = np.arange(1, len(row["curve"]) + 1) * record["periods"] / 1e6
-        axes.plot(at, row["curve"], label=f"{row['task']}, seed {row['seed']}")
+        axes.plot(
+            at, row["curve"], marker=marker, markevery=0.08, markersize=5, label=f"{row['task']}, seed {row['seed']}"
+        )
     axes.set(xlabel="control periods (millions)", ylabel="progress with exploration (m/s)")
     axes.set_xlim(0, None)
-    axes.legend(loc="lower right")
+    chart.legend(loc="outside upper center", ncols=3)

@@ -12,7 +12,7 @@ from jaxgrity.cli.script import measured
 
 import tyro
 from matplotlib.figure import Figure
-from measurements.pages import made_by
+from measurements.pages import made_by, rounded
 from tqdm import tqdm
 
 from jaxgrity import InputError
@@ -29,6 +29,24 @@ Draw = Callable[[Record, Figure], None]
 """Function that draws a record on an empty figure."""
 
 
+DIGITS = 4
+"""Significant digits of numbers that only a figure shows: it has about a thousand pixels."""
+
+
+class Kept(NamedTuple):
+    """What docs/measured keeps of a record and of its rows."""
+
+    raw: tuple[str, ...]
+    """names of what is left out"""
+    drawn: tuple[str, ...]
+    """names of what the figure alone shows"""
+
+    def of(self, part: Record) -> Record:
+        """A record, or a row."""
+        kept = {key: value for key, value in part.items() if key not in self.raw}
+        return {key: rounded(value, DIGITS) if key in self.drawn else value for key, value in kept.items()}
+
+
 class Table(NamedTuple):
     """One generated table."""
 
@@ -39,8 +57,8 @@ class Table(NamedTuple):
 class Measurement:
     """What `measurement` makes of a function."""
 
-    def __init__(self, function: Callable[..., Any], page: str, quick: Record, raw: tuple[str, ...], listed: bool):
-        self.name, self.page, self.raw, self.listed = function.__name__, page, raw, listed
+    def __init__(self, function: Callable[..., Any], page: str, quick: Record, kept: Kept, listed: bool):
+        self.name, self.page, self.kept, self.listed = function.__name__, page, kept, listed
         self.draw: Callable[[Record], Figure] | None = None
         self.tables: dict[str, Table] = {}
         self._function, self._quick = function, quick
@@ -71,13 +89,13 @@ class Measurement:
 
         return kept if words is None else kept(words)
 
-    def figure(self, width: float = 6.4, height: float = 4.8) -> Callable[[Draw], Draw]:
-        """Decorate the function that draws a record on an empty figure of this size, inches."""
+    def figure(self, height: float = 4.5) -> Callable[[Draw], Draw]:
+        """Decorate the function that draws a record on an empty figure of this height, inches, as wide as a page."""
 
         def kept(draw: Draw) -> Draw:
             @plot.styled
             def drawn(record: Record) -> Figure:
-                chart = Figure(figsize=(width, height), layout="constrained")
+                chart = Figure(figsize=(plot.WIDTH, height), layout="constrained")
                 draw(record, chart)
                 return chart
 
@@ -95,12 +113,12 @@ class Measurement:
         return "\n\n".join(self.words(record, name, part) for part in self.tables)
 
     def quoted(self, record: Record) -> Record:
-        """The record without what pages do not quote."""
-        kept = {key: value for key, value in record.items() if key not in self.raw}
+        """What pages quote of the record, and its figure shows."""
+        kept = self.kept.of(record)
         if "rows" in kept:
-            both = [key for key in self.raw if key in record and any(key in row for row in kept["rows"])]
+            both = [key for key in self.kept.raw if key in record and any(key in row for row in kept["rows"])]
             assert not both, f"{both}: left out of the record, and so of its rows"
-            kept["rows"] = [{key: row[key] for key in row if key not in self.raw} for row in kept["rows"]]
+            kept["rows"] = [self.kept.of(row) for row in kept["rows"]]
         self.all_words(kept)  # a record that lacks something is refused before it is kept
         return kept
 
@@ -144,7 +162,7 @@ def row_by_row(found: Generator[Record, None, Record | None], path: Path) -> Rec
 
 
 def measurement(
-    page: str, quick: Record, raw: tuple[str, ...] = (), listed: bool = True
+    page: str, quick: Record, raw: tuple[str, ...] = (), drawn: tuple[str, ...] = (), listed: bool = True
 ) -> Callable[[Callable[..., Any]], Measurement]:
     """Make a measurement of a function that returns its record, or that yields rows and returns the rest of it.
 
@@ -154,9 +172,10 @@ def measurement(
         page: the page that quotes it, in docs/, or README.md
         quick: settings with which it takes at most a minute
         raw: names of what the page does not quote, in the record and in its rows
+        drawn: names of what the figure alone shows, likewise: kept with few digits
         listed: whether `make measure` runs it as it is; one that needs options has a line in the Makefile
     """
-    return lambda function: Measurement(function, page, quick, raw, listed)
+    return lambda function: Measurement(function, page, quick, Kept(raw, drawn), listed)
 
 
 def values_of(function: Callable[..., Any]) -> dict[str, tuple[str, ...]]:

@@ -58,7 +58,7 @@ KINDS = ("reached", "arrived", "touched")
 @measurement(
     page="control.md",
     quick={"fields": 2, "samples": 4, "patience": 1.5, "twin": False},
-    raw=("rows",),
+    drawn=("rows",),
 )
 def obstacles(
     out: Path, fields: int = 20, samples: int = 24, patience: float = 60.0, twin: bool = True, seed: int = 1
@@ -211,20 +211,21 @@ def figure(record: Record, chart: Figure) -> None:
     every = record["rows"]
     columns = min(4, len(every))
     rows = -(-len(every) // columns)
-    chart.set_size_inches(2.4 * columns, 1.75 * rows + 0.6)
+    chart.set_figheight(1.75 * rows + 0.8)
     panes = chart.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, row in zip(panes, every):
         for centre, radius in zip(row["centres"], row["radii"]):
             axes.add_patch(Circle(centre, radius, color="#b9b2a3"))
-        axes.plot(*row["blind"]["path"].T, label="straight to the goal, blind", color="#c5522f", lw=0.7)
-        axes.plot(*row["planned"]["path"].T, label="by the plan", lw=1.4)
-        axes.plot(*row["plan"].T, ":", color="black", lw=0.8, label="first plan")
-        axes.plot(*GOAL, "o", markersize=5, markerfacecolor="none", color="black")
+        for way, look in (("blind", {"color": "#c5522f", "lw": 0.9}), ("planned", {"color": "C0", "lw": 1.6})):
+            label = {"blind": "straight to the goal, blind", "planned": "by the plan"}[way]
+            axes.plot(*np.transpose(row[way]["path"]), label=label, **look)
+        axes.plot(*np.transpose(row["plan"]), color="black", lw=0.8, label="first plan")
+        axes.plot(*GOAL, "*", markersize=9, color="C2", label="goal")
         axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5.8, 5.8))
         own = row["planned"]
-        axes.set_title("reached" if own["reached"] else "touched" if own["touched"] else "not reached", size=9)
+        axes.set_title("reached" if own["reached"] else "touched" if own["touched"] else "not reached")
     for axes in panes[len(every) :]:
         axes.set_visible(False)
-    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    chart.supxlabel("x (m)", size=9)
-    chart.supylabel("y (m)", size=9)
+    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    chart.supxlabel("x (m)")
+    chart.supylabel("y (m)")

@@ -24,7 +24,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.orbits import find_orbit, refined_orbit, stability
-from jaxgrity.report import view
+from jaxgrity.report import plot, view
 
 SHOWN = 20.0
 """s, of each gait's replay"""
@@ -32,7 +32,7 @@ NEAR = 20.0
 """m, which the paths of gaits that turn do not leave"""
 
 
-@measurement(page="gait_records.md", quick={"gaits": ("straight",), "roughly": True}, raw=("path",))
+@measurement(page="gait_records.md", quick={"gaits": ("straight",), "roughly": True}, drawn=("path",))
 def orbits(
     out: Path,
     gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right", "uphill"),
@@ -51,7 +51,7 @@ def orbits(
         view.keep_html(own, simulate(own, SHOWN, frame_rate=50), out / f"replay_{name}.html", title=name)
         for scene in (own,) if roughly else (own, contact_twin(own)):
             known = {"gait": name, "contact": "exact" if scene.constrained else "penalty", "own": scene is own}
-            path = np.asarray(centre_path(scene, simulate(scene, duration, frame_rate=5)))[:, :2]
+            path = np.asarray(centre_path(scene, simulate(scene, duration, frame_rate=1)))[:, :2]
             yield known | settled_orbit(scene, duration, roughly) | {"path": path}
 
 
@@ -90,20 +90,19 @@ def cells_of(row: Record) -> list[str]:
     ]
 
 
-@orbits.figure(10, 4.5)
+@orbits.figure(5.4)
 def figure(record: Record, chart: Figure) -> None:
     """The paths of the centre of mass, seen from above; those that stay near in a pane of their own."""
-    paths = {f"{row['gait']}, {row['contact']}": np.asarray(row["path"]) for row in record["rows"]}
     far, near = chart.subplots(1, 2)
-    colours = {gait: f"C{k}" for k, gait in enumerate(dict.fromkeys(name.split(", ")[0] for name in paths))}
-    for name, path in paths.items():
-        gait, contact = name.split(", ")
-        here = near if np.abs(path - path[0]).max() < NEAR else far
-        style = {"color": colours[gait], "linestyle": "-" if contact == "exact" else "--", "linewidth": 1.0}
-        style |= {} if contact == "exact" else {"marker": "o", "markersize": 3, "markevery": 0.1}
-        here.plot(*(path - path[0]).T, label=name, **style)
+    gaits = list(dict.fromkeys(row["gait"] for row in record["rows"]))
+    for row in record["rows"]:
+        path = np.asarray(row["path"]) - row["path"][0]
+        k = gaits.index(row["gait"])
+        look = {"color": f"C{k}", "linewidth": 1.2, "label": f"{row['gait']}, {row['contact']}"}
+        if row["contact"] == "penalty":
+            look |= {"marker": plot.MARKERS[k], "markersize": 5, "markevery": 0.1, "linestyle": "--"}
+        (near if np.abs(path).max() < NEAR else far).plot(*path.T, **look)
     for axes, title in ((far, "centre of mass, from above"), (near, f"gaits that turn, within {NEAR:g} m")):
         axes.set(xlabel="x (m)", ylabel="y (m)", title=title)
         axes.set_aspect("equal", adjustable="datalim")
-        if axes.lines:
-            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
+    chart.legend(loc="outside lower center", ncols=4)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from measurements.driven import drops
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import columns
+from measurements.pages import by_name, columns
 
 from jaxgrity import (
     Differences,
@@ -26,6 +26,7 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
+from jaxgrity.report import plot
 from jaxgrity.stepping import default_method, default_step
 
 SPANS = {
@@ -43,7 +44,7 @@ MOST = 7 / 8
 
 
 @measurement(
-    page="gait_records.md", quick={"values": 3, "robots": 2, "duration": 20.0, "contacts": ("exact",)}, raw=("scan",)
+    page="gait_records.md", quick={"values": 3, "robots": 2, "duration": 20.0, "contacts": ("exact",)}, drawn=("scan",)
 )
 def ranges(
     values: int = 27,
@@ -65,7 +66,7 @@ def ranges(
         factors = np.unique([*np.geomspace(*SPANS[name], values - 1), 1.0])
         speeds = scanned(scene, name, factors, robots, duration)
         scan = [{"factor": x, **told(each)} for x, each in zip(factors, speeds)]
-        yield {"contact": contact, "quantity": name, **reach(scan), "scan": scan}
+        yield {"contact": contact, "quantity": name, **reach(scan), "scan": by_name(scan)}
     return {"robots": robots}
 
 
@@ -140,24 +141,25 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@ranges.figure(11, 4.6)
+@ranges.figure(5)
 def figure(record: Record, chart: Figure) -> None:
     """Speed of those that roll, and the share of robots that do, for each quantity."""
-    rows = [row | one for row in record["rows"] for one in row["scan"]]
     grid = chart.subplots(2, len(SPANS), sharex="col", sharey="row")
-    for column, name in enumerate(SPANS):
-        for contact in dict.fromkeys(row["contact"] for row in rows):
-            mine = [row for row in rows if (row["contact"], row["quantity"]) == (contact, name)]
-            x = [row["factor"] for row in mine]
-            low, mid, high = (
-                np.array([np.nan if row[k] is None else row[k] for row in mine]) for k in ("slowest", "mean", "fastest")
-            )
-            grid[0, column].plot(x, mid, marker="o", markersize=3, label=f"{contact}, mean")
-            grid[0, column].fill_between(x, low, high, alpha=0.25, label=f"{contact}, slowest to fastest")
-            grid[1, column].plot(x, [100 * row["rolling"] for row in mine], marker="o", markersize=3)
-        grid[0, column].set(title=name)
-        grid[1, column].set(xlabel="factor", ylim=(-3, 103))
-        grid[0, column].axvline(1, color="0.7", linewidth=0.8, zorder=0)
+    contacts = list(dict.fromkeys(row["contact"] for row in record["rows"]))
+    for row in record["rows"]:
+        k, column = contacts.index(row["contact"]), list(SPANS).index(row["quantity"])
+        x, slowest, mean, fastest, rolling = (
+            np.array(row["scan"][key], float) for key in ("factor", "slowest", "mean", "fastest", "rolling")
+        )
+        look = {"color": f"C{k}", "marker": plot.MARKERS[k], "markersize": 3}
+        above, below = grid[:, column]
+        above.plot(x, mean, **look, label=f"{row['contact']} contact, mean")
+        above.fill_between(x, slowest, fastest, color=f"C{k}", alpha=0.25, lw=0, label="slowest to fastest")
+        below.plot(x, 100 * rolling, **look)
+        above.set(title=row["quantity"].replace(" ", "\n", 1))
+        below.set(xlabel="factor", ylim=(-3, 103))
+    for axes in grid.flat:
+        axes.axvline(1, color="0.6", linewidth=0.8, zorder=0)
     grid[0, 0].set(ylabel="speed of those that roll\n(body lengths/s)", ylim=(0, None))
     grid[1, 0].set(ylabel="robots that roll (%)")
-    chart.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    chart.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=2)

@@ -30,6 +30,7 @@ from jaxgrity import (
 from jaxgrity.io.files import save_json
 from jaxgrity.model import body_length, image, symmetries
 from jaxgrity.orbits import find_orbit, stability
+from jaxgrity.report import plot
 from jaxgrity.search import Repertoire, RepertoireConfig, search_problem
 from jaxgrity.search import repertoire as fill_cells
 
@@ -48,7 +49,7 @@ WATCH = 120.0
 @measurement(
     page="gait_records.md",
     quick={"drawn": 48, "batch": 16, "rounds": 1, "duration": 10.0, "tries": 1},
-    raw=("elites", "ranges"),
+    drawn=("elites", "ranges"),
 )
 def repertoire(
     out: Path,
@@ -175,27 +176,19 @@ def watched(scene: Scene) -> dict[str, Any]:
     }
 
 
-@repertoire.figure(7, 4.5)
+@repertoire.figure(5)
 def figure(record: Record, chart: Figure) -> None:
     """The elites' spread in every cell, where they are, and the orbits of some."""
-    ranges, elites = record["ranges"], {name: np.array(values) for name, values in record["elites"].items()}
+    ranges, elites = record["ranges"], {name: np.array(values, float) for name, values in record["elites"].items()}
     axes = chart.subplots()
     extent = (*ranges["bend"], *ranges["speed"])
-    look = {"origin": "lower", "aspect": "auto", "cmap": "viridis", "alpha": 0.7}
-    shown = axes.imshow(-elites["quality"], extent=extent, **look)
+    shown = axes.imshow(-elites["quality"], extent=extent, origin="lower", aspect="auto", cmap="Blues", alpha=0.8)
     chart.colorbar(shown, label="spread over robots: of speed plus of bend")
     full = np.isfinite(elites["speed"])
-    axes.plot(elites["bend"][full], elites["speed"][full], "k.", markersize=3, label="elite")
+    axes.plot(elites["bend"][full], elites["speed"][full], "k.", markersize=3, label="elite of a cell")
     for k, row in enumerate(row for row in record["rows"] if row["settled"]):
-        axes.plot(
-            row["bend"],
-            row["speed"],
-            "o",
-            color=f"C{k}",
-            markersize=8,
-            markeredgecolor="k",
-            label=f"orbit: {row['gait']}",
-        )
+        look = {"color": f"C{k + 1}", "marker": plot.MARKERS[k], "markersize": 9, "markeredgecolor": "black"}
+        axes.plot(row["bend"], row["speed"], linestyle="", label=f"orbit: {row['gait']}", **look)
     axes.set(xlabel="bend (rad per body length, to the left)", ylabel="speed (body lengths/s)")
     axes.set(xlim=ranges["bend"], ylim=ranges["speed"])
-    chart.legend(loc="outside upper center", ncols=3)
+    chart.legend(loc="outside lower center", ncols=3)

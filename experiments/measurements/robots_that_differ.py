@@ -11,6 +11,7 @@ from measurements.pages import columns, whole_zero
 
 from jaxgrity import SearchConfig, SolverOptions, contact_twin, gait_record, load_gait, load_scene, with_gait
 from jaxgrity.model import body_length
+from jaxgrity.report import plot
 from jaxgrity.search import RobotMotions, robot_motions
 
 SEED = 20_000_000
@@ -20,7 +21,7 @@ ENOUGH = 0.85
 """share of the speed of the gait's orbit, on its own contact model, from which on a robot counts as rolling"""
 
 
-@measurement(page="gait_records.md", quick={"gaits": ("straight",), "robots": 8, "duration": 20.0}, raw=("speeds",))
+@measurement(page="gait_records.md", quick={"gaits": ("straight",), "robots": 8, "duration": 20.0}, drawn=("speeds",))
 def robots_that_differ(
     gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right"),
     robots: int = 64,
@@ -84,17 +85,16 @@ def degrees(angle: float) -> str:
     return f"{whole_zero(round(np.degrees(angle))):.0f}"
 
 
-@robots_that_differ.figure(8, 4)
+@robots_that_differ.figure()
 def figure(record: Record, chart: Figure) -> None:
     """The speed of every robot, sorted."""
-    every = {f"{row['gait']}, {row['contact']}": np.asarray(row["speeds"]) for row in record["rows"]}
     axes = chart.subplots()
-    gaits = list(dict.fromkeys(name.split(", ")[0] for name in every))
-    for name, found in every.items():
-        gait, contact = name.split(", ")
-        line = {"color": f"C{gaits.index(gait)}", "linestyle": "-" if contact == "exact" else "--"}
-        line |= {} if contact == "exact" else {"marker": "o", "markersize": 4, "markevery": 0.1}
-        axes.plot(np.linspace(0, 100, len(found)), np.sort(found), label=name, **line)
+    gaits = list(dict.fromkeys(row["gait"] for row in record["rows"]))
+    for row in record["rows"]:
+        speeds, k = np.sort(np.asarray(row["speeds"], float)), gaits.index(row["gait"])
+        look = {"color": f"C{k}", "label": f"{row['gait']}, {row['contact']}"}
+        if row["contact"] == "penalty":
+            look |= {"marker": plot.MARKERS[k], "markersize": 5, "markevery": 0.1, "linestyle": "--"}
+        axes.plot(np.linspace(0, 100, len(speeds)), speeds, **look)
     axes.set(xlabel="robots (%), slowest first", ylabel="speed along the path (body lengths/s)", ylim=(0, None))
-    axes.set_title("Perturbed robots")
     chart.legend(loc="outside right upper")

@@ -26,17 +26,22 @@ from measurements.scaling_costs import (
 )
 from tqdm import tqdm
 
+from jaxgrity.report import plot
+
 LARGEST = 1024
 """Gaits at most with which numbers of devices are compared."""
 SEARCHED = 256
 """Population between the smallest and the largest that is quoted too."""
 PARTS = ("devices", "population", "struts", "single", "C")
+DRAWN = ("population", "struts")
+"""parts that the figure shows"""
 
 
 @measurement(
     page="scaling.md",
     quick={"methods": ("complementarity",), "sizes": (16,), "struts": (6, 12), "repeats": 1, "shared": True},
-    raw=PARTS,
+    raw=tuple(part for part in PARTS if part not in DRAWN),
+    drawn=DRAWN,
 )
 def scaling(
     methods: tuple[str, ...] = tuple(METHODS),
@@ -167,20 +172,19 @@ def starting(record: Record) -> str:
     return table(["since the start of a script", "s"], rows)
 
 
-@scaling.figure(10, 4)
+@scaling.figure(4.6)
 def figure(record: Record, chart: Figure) -> None:
     """Cost per gait against the size of the population, and cost per step against the number of struts."""
     left, right = chart.subplots(1, 2)
-    for method in dict.fromkeys(row["method"] for row in record["population"]):
+    for method, marker in zip(dict.fromkeys(row["method"] for row in record["population"]), plot.MARKERS):
         ours = [row for row in record["population"] if row["method"] == method]
         x, y = ([row[key] for row in ours] for key in ("gaits", "per_gait_and_simulated_second"))
-        left.loglog(x, 1e6 * np.array(y), "o-", label=method)
+        left.loglog(x, 1e6 * np.array(y), f"{marker}-", label=method)
         ours = [row for row in record["struts"] if row["method"] == method]
         x, y = ([row[key] for row in ours] for key in ("struts", "per_gait_and_step"))
-        line = right.loglog(x, 1e6 * np.array(y), "o-", label=method)[0]
+        line = right.loglog(x, 1e6 * np.array(y), f"{marker}-")[0]
         right.loglog(x, 1e6 * y[0] * np.array(x) / x[0], ":", color=line.get_color(), lw=1)
+    right.plot([], [], ":", color="black", lw=1, label="proportional to the struts")
     left.set(xlabel="gaits", ylabel="µs per gait and simulated second", title="size of the population")
-    right.set(xlabel="struts", ylabel="µs per gait and step", title="size of the structure (dotted: linear)")
-    for axes in (left, right):
-        axes.grid(alpha=0.3, which="both")
-        axes.legend()
+    right.set(xlabel="struts", ylabel="µs per gait and step", title="size of the structure")
+    chart.legend(loc="outside lower center", ncols=3)

@@ -19,7 +19,7 @@ from jaxgrity.control import CAUTIOUS, PhaseLocked, discs_of, gait_choices, room
 FIELD = Path(__file__).with_name("obstacle_field.toml")
 
 
-@measurement(page="control.md", quick={"robots": 2, "samples": 4, "patience": 1.5, "itself": True}, raw=("raw",))
+@measurement(page="control.md", quick={"robots": 2, "samples": 4, "patience": 1.5, "itself": True}, drawn=("shown",))
 def scene_field(
     scene: Path = FIELD,
     robots: int = 10,
@@ -55,7 +55,10 @@ def scene_field(
         **{name: sum(row[name] for row in rows) for name in ("reached", "arrived", "touched")},
         "seconds": float(np.median([row["seconds"] for row in arrived])) if arrived else None,
         "gap": min(row["gap"] for row in rows),
-        "raw": {"scene": str(scene), "rows": rows},
+        "shown": {
+            "scene": FIELD.name if scene == FIELD else str(scene.absolute()),
+            "paths": [row["path"] for row in rows],
+        },
     }
 
 
@@ -73,10 +76,11 @@ def words(record: Record) -> str:
     return table([f"robots among the {record['obstacles']} obstacles of a scene file", "measured"], rows)
 
 
-@scene_field.figure(6.5, 3.8)
+@scene_field.figure(4.5)
 def figure(record: Record, chart: Figure) -> None:
     """The height of the ground between obstacles, the plan from the start of the first robot, and all paths."""
-    scene, paths = load_scene(Path(record["raw"]["scene"])), [row["path"] for row in record["raw"]["rows"]]
+    scene = load_scene(FIELD.parent / record["shown"]["scene"])
+    paths = [np.array(path, float) for path in record["shown"]["paths"]]
     way = way_map(discs_of(scene.ground), GOAL, ARENA, reach=REACH + NEAR)
     axes = chart.subplots()
     x, y = np.meshgrid(np.linspace(-2, 12, 281), np.linspace(-5, 5, 201))
@@ -86,8 +90,8 @@ def figure(record: Record, chart: Figure) -> None:
         axes.add_patch(Circle(centre, radius, color="#b9b2a3"))
     for path in paths:
         axes.plot(*path.T, lw=1)
-    axes.plot(*way.way(paths[0][0]).T, ":", color="black", lw=1, label="first plan")
-    axes.plot(*way.goal, "o", markersize=6, markerfacecolor="none", color="black")
+    axes.plot(*way.way(paths[0][0]).T, color="black", lw=1.6, label="first plan of the first robot")
+    axes.plot(*way.goal, "*", markersize=10, color="C2", label="goal")
     axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5, 5), xlabel="x (m)", ylabel="y (m)")
     chart.colorbar(shown, label="ground (cm)", shrink=0.7)
-    axes.legend(loc="upper left")
+    chart.legend(loc="outside lower center", ncols=2)

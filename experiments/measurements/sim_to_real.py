@@ -25,6 +25,7 @@ from jaxgrity.identification import (
     speed_forecast,
 )
 from jaxgrity.orbits import find_orbit
+from jaxgrity.report import plot
 
 PARAMETERS = (
     Parameter("structure.cables.stiffness", 0.1),
@@ -38,7 +39,7 @@ HEIGHT, SPEED = 0.1, 1.0
 """m and m/s, of the throw"""
 
 
-@measurement(page="identification.md", quick={"robots": 8, "seen": 0.2}, raw=("speeds",))
+@measurement(page="identification.md", quick={"robots": 8, "seen": 0.2}, drawn=("speeds",))
 def sim_to_real(gait: str = "lasting", robots: int = 128, seen: float = 0.6, seed: int = 0) -> Record:
     """Throw, identify, foretell. Raises `InputError` for a gait that the library does not have.
 
@@ -136,24 +137,26 @@ def facts_of(each: SpeedForecast, identified: Identified | None) -> dict[str, An
     }
 
 
-@sim_to_real.figure(10, 3.4)
+@sim_to_real.figure(6)
 def figure(record: Record, chart: Figure) -> None:
     """Speeds of all robots, sorted, and what each parameter is worth knowing, before and after."""
     forecasts = record["forecasts"]
-    sorted_speeds, *bars = chart.subplots(1, 1 + len(forecasts))
+    above, *bars = chart.subplot_mosaic([["speeds"] * len(forecasts), list(forecasts)]).values()
+    for (name, speeds), marker in zip(record["speeds"].items(), plot.MARKERS):
+        percent, look = np.linspace(0, 100, len(speeds)), {"marker": marker, "markevery": 0.1, "markersize": 5}
+        above.plot(percent, np.sort(np.asarray(speeds, float)), **look, label=f"forecast {name} identification")
+    above.axhline(record["true"], color="black", linewidth=1, label="the robot itself")
+    above.set(xlabel="plausible robots (%), slowest first", ylabel="steady speed (m/s)", ylim=(0, None))
+    above.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     kinds = {"gradient_share": "by the orbit's gradient", "share": "over the robots"}
-    for axes, (name, each) in zip(bars, forecasts.items()):
-        percent = np.linspace(0, 100, len(record["speeds"][name]))
-        sorted_speeds.plot(percent, np.sort(record["speeds"][name]), label=f"{name} identification")
+    for k, (axes, (name, each)) in enumerate(zip(bars, forecasts.items())):
         places = np.arange(len(each["parameters"]))
-        for offset, (kind, label) in zip((0.2, -0.2), kinds.items()):
-            axes.barh(places + offset, [100 * row[kind] for row in each["parameters"]], 0.38, label=label)
+        for colour, offset, (kind, label) in zip(("C2", "C3"), (0.2, -0.2), kinds.items()):
+            shares = [100 * row[kind] for row in each["parameters"]]
+            axes.barh(places + offset, shares, 0.38, color=colour, label=label)
         paths = [row["name"].removeprefix("structure.") for row in each["parameters"]]
-        names = [path.replace(".", "\n").replace("_", " ") for path in paths]
-        axes.set(yticks=places, yticklabels=names, xlabel="variance gone once known (%)")
-        axes.set_title(f"{name.capitalize()} identification")
-    bars[0].legend()
-    sorted_speeds.axhline(record["true"], color="black", linewidth=1, linestyle=":", label="the robot itself")
-    sorted_speeds.set(xlabel="plausible robots (%), slowest first", ylabel="steady speed (m/s)", ylim=(0, None))
-    sorted_speeds.set_title("Forecast")
-    sorted_speeds.legend()
+        names = [path.replace(".", " ").replace("_", " ") for path in paths]
+        axes.set_yticks(places, [""] * len(names) if k else names)
+        axes.grid(axis="y", visible=False)
+        axes.set(xlabel="variance removed (%)", title=f"worth of each parameter\n{name} identification")
+    chart.legend(*bars[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)

@@ -19,7 +19,7 @@ WIDER = 3.84
 """of chi^2 per degree of freedom at its least: by which it may rise within an interval of 95 %"""
 
 
-@measurement(page="validation.md", quick={"ratios": (0.01, 0.1, 1.0)}, raw=("seen",))
+@measurement(page="validation.md", quick={"ratios": (0.01, 0.1, 1.0)}, drawn=("seen",))
 def spine_dynamics(ratios: tuple[float, ...] = RATIOS) -> Record:
     """The damping ratios that fit, and the motion of the motors.
 
@@ -93,10 +93,11 @@ def words(record: Record) -> str:
     return table(["mean response to a command", "measured"], rows)
 
 
-@spine_dynamics.figure(9, 3.4)
+@spine_dynamics.figure(3.6)
 def figure(record: Record, chart: Figure) -> None:
     """The mean response and that of least and most damping; chi^2 over the damping ratio."""
-    seen, frequency, fits = record["seen"], record["frequency"], record["fits"]
+    frequency, fits = record["frequency"], record["fits"]
+    seen = {name: np.array(values, float) for name, values in record["seen"].items()}
     left, right = chart.subplots(1, 2)
     left.errorbar(seen["time"], seen["progress"], 2 * seen["standard_error"], fmt=".", color="0.4", label="camera")
     times = np.linspace(-1, 1, 400)

@@ -106,7 +106,7 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@steering.figure(7, 3)
+@steering.figure(3.4)
 def figure(record: Record, chart: Figure) -> None:
     """Turning and speed against the bend."""
     rows = record["rows"]

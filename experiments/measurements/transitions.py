@@ -138,7 +138,7 @@ def words(record: Record) -> str:
     return table(head, rows)
 
 
-@transitions.figure(7, 4.2)
+@transitions.figure(4.4)
 def figure(record: Record, chart: Figure) -> None:
     """The share of robots that go on after each exchange, and after that back."""
     rows = record["rows"]

@@ -13,7 +13,7 @@ UNIT = {"x": "mm", "z": "mm", "rotation": "°"}
 """Unit of each part of a pose."""
 
 
-@measurement(page="validation.md", quick={"first": 10}, raw=("simulated", "seen"))
+@measurement(page="validation.md", quick={"first": 10}, drawn=("path", "errors"))
 def validation(first: int | None = None) -> Record:
     """How far the poses are from the authors' and the camera's.
 
@@ -29,7 +29,8 @@ def validation(first: int | None = None) -> Record:
         middle=spine.middle[:, some],
     )
     simulated = np.asarray(jax.vmap(pose)(jnp.asarray(resting_shapes(spine))))
-    return compared(spine, simulated) | {"simulated": simulated, "seen": spine.seen}
+    path = {"simulated": 1e3 * simulated[:, :2], "seen": 1e3 * np.nanmean(spine.seen[:, :, :2], axis=0)}
+    return compared(spine, simulated) | {"path": path, "errors": UNITS * (spine.seen - simulated)}
 
 
 def compared(spine: Spine, simulated: np.ndarray) -> dict:
@@ -54,33 +55,32 @@ def compared(spine: Spine, simulated: np.ndarray) -> dict:
     }
 
 
-@validation.figure(9, 5.5)
+@validation.figure(6)
 def figure(record: Record, chart: Figure) -> None:
     """The path of the vertebra, and how far the camera's poses are from the simulated ones, run by run."""
-    seen, simulated = record["seen"], record["simulated"]
+    seen, simulated = (np.array(record["path"][name], float) for name in ("seen", "simulated"))
+    errors = np.array(record["errors"], float)
     grid = chart.add_gridspec(3, 2, width_ratios=[1, 1.4])
     path = chart.add_subplot(grid[:, 0])
-    for k, run in enumerate(seen):
-        label = f"camera, {len(seen)} runs" if k == 0 else None
-        path.plot(*(1e3 * run[:, :2].T), color="0.7", linewidth=0.7, label=label)
-    path.plot(*(1e3 * simulated[:, :2].T), color="C0", label="simulated")
+    path.plot(*seen.T, "o", color="0.6", markersize=4, label=f"camera, mean of {len(errors)} runs")
+    path.plot(*simulated.T, color="C0", label="simulated")
     path.set(xlabel="x (mm)", ylabel="z (mm)", title="Origin of the vertebra's frame")
-    path.legend()
-    spread = UNITS * np.nanstd(seen, axis=0, ddof=1)
     for k, (name, unit) in enumerate(zip(POSE, ("mm", "mm", "degrees"))):
         axes = chart.add_subplot(grid[k, 1])
-        error = UNITS[k] * (seen[:, :, k] - simulated[:, k])
-        centre = np.nanmean(error, axis=0)
-        steps = np.arange(len(simulated))
-        axes.fill_between(steps, centre - spread[:, k], centre + spread[:, k], color="C0", alpha=0.3, linewidth=0)
-        axes.plot(steps, error.T, color="0.6", linewidth=0.5)
-        axes.plot(steps, centre, color="C0")
+        error, steps = errors[:, :, k], np.arange(1, len(simulated) + 1)
+        centre, spread = np.nanmean(error, axis=0), np.nanstd(error, axis=0, ddof=1)
+        around = (centre - spread, centre + spread)
+        axes.fill_between(steps, *around, color="C0", alpha=0.3, linewidth=0, label="standard deviation")
+        axes.plot(steps, error.T, color="0.6", linewidth=0.5, label=["a run"] + [None] * (len(error) - 1))
+        axes.plot(steps, centre, color="C0", label="mean of the runs")
         axes.axhline(0, color="black", linewidth=0.8)
         axes.set_ylabel(f"{name} ({unit})")
         axes.tick_params(labelbottom=k == 2)
         if k == 0:
-            axes.set_title("Camera less simulation: mean, standard deviation")
+            axes.set_title("Camera less simulation")
     axes.set_xlabel("command")
+    both = [a + b for a, b in zip(path.get_legend_handles_labels(), axes.get_legend_handles_labels())]
+    chart.legend(*both, loc="outside lower center", ncols=3)
 
 
 @validation.table

@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import short, table
+from measurements.pages import by_name, short, table
 
 from jaxgrity import (
     METHODS,
@@ -49,7 +49,15 @@ FEW = 4
 """gaits for the implicit methods, whose steps cost much; costs are given per gait"""
 TARGET = 5e-3
 """m, at which the cost of methods is compared"""
-COLOURS = {name: f"C{k}" for k, name in enumerate((*EVALUATIONS, "mujoco Euler"))} | {"mujoco RK4": "saddlebrown"}
+LOOKS = {
+    name: {"color": colour, "marker": marker}
+    for name, colour, marker in zip(
+        (*EVALUATIONS, "mujoco Euler", "mujoco RK4"),
+        ("C0", "C1", "C2", "C3", "C4", "C5", "C6", "C7", "saddlebrown"),
+        "os^Dv<>PX",
+    )
+}
+"""of the lines"""
 
 
 @measurement(
@@ -58,6 +66,7 @@ COLOURS = {name: f"C{k}" for k, name in enumerate((*EVALUATIONS, "mujoco Euler")
         "scene": ("free flight",), "methods": ("rk4", "complementarity"), "precisions": ("float64",), "mujoco": False,
     },
     raw=("rows", "gaits"),
+    drawn=("lines",),
 )  # fmt: skip
 def work_precision(
     scene: Literal["free flight", "drop and settle", "0.5 Hz roll", "1 Hz roll"],
@@ -94,6 +103,7 @@ def work_precision(
         "models_apart": float(np.median(distance(truths[False], truths[True]))),
         "target": TARGET,
         "cost_at_target": cost_at_target(rows),
+        "lines": lines_of([row for row in rows if row["error"] is not None]),
     }
 
 
@@ -258,20 +268,25 @@ def cost_at_target(rows: list[Record]) -> dict[str, float]:
     return dict(sorted(costs.items(), key=lambda item: item[1]))
 
 
-@work_precision.figure(8.5, 9.5)
+def lines_of(rows: list[Record]) -> Record:
+    """Errors and costs of each method in each precision."""
+    found: dict[str, list[Record]] = {}
+    for row in rows:
+        found.setdefault(f"{row['method']} {row['dtype']}", []).append(row)
+    return {name: by_name(mine, "error", "seconds", "evaluations") for name, mine in found.items()}
+
+
+@work_precision.figure(9)
 def figure(record: Record, chart: Figure) -> None:
     """Error against wall time, and against force evaluations."""
     panels, apart = chart.subplots(2), record["models_apart"]
-    known = [row for row in record["rows"] if row["error"] is not None]
-    for method, dtype in dict.fromkeys((row["method"], row["dtype"]) for row in known):
-        line = [row for row in known if (row["method"], row["dtype"]) == (method, dtype)]
-        style = {"color": COLOURS[method], "ls": "-" if dtype == "float64" else ":", "marker": "o", "ms": 3.5}
-        style |= {} if dtype == "float64" else {"mfc": "white"}
+    for name, line in record["lines"].items():
+        method, _, dtype = name.rpartition(" ")
+        style = LOOKS[method] | {"ms": 5} | ({} if dtype == "float64" else {"mfc": "white", "ls": ":"})
         for axes, cost in zip(panels, ("seconds", "evaluations")):
-            axes.loglog([row[cost] for row in line], [row["error"] for row in line], label=f"{method} {dtype}", **style)
+            axes.loglog(line[cost], line["error"], label=f"{method}, {dtype}", **style)
     for axes in panels:
-        axes.axhline(apart, color="k", ls="--", lw=0.8)
-        axes.text(0.02, apart, "models apart", transform=axes.get_yaxis_transform(), va="bottom")
+        axes.axhline(apart, color="black", ls="--", lw=1.2, label="distance of the two models")
         axes.set(ylabel=f"median error of {record['error_of']} (m)")
     panels[0].set(xlabel="wall time per gait and simulated second (s)", title=record["scene"])
     panels[1].set(xlabel="force evaluations per gait and simulated second")

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from jaxgrity import Gait, Scene, SolverOptions, centre_path, gaits_of, simulate, simulate_population, with_gait
 from jaxgrity.model import random_members
 from jaxgrity.report import plot
-from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
+from paper_claims.report import CALLED, PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, thinned, verdict
 
 FREQUENCIES = (0.5, 0.25, 0.125, 0.0625, 0.03125)
 """Hz"""
@@ -33,8 +33,10 @@ def check(quick: bool) -> Report:
             slow[name][kind].pop("path", None)
     rows = [slow_row(name, found, frequencies) for name, found in slow.items()]
     rows += [subset_row(name, found) for name, found in spread.items()]
-    chart = figure(frequencies, slow, paths, spread)
-    return Report("Struts against cables", rows, {"actuation": chart}, {"slow": slow, "subsets": spread})
+    moved = {name: {kind: each["moved"] for kind, each in found.items()} for name, found in slow.items()}
+    near = {kind: thinned(path[:, :2]) for kind, path in paths.items()}
+    drawn = {"frequencies": frequencies, "moved": moved, "paths": near, "spread": spread}
+    return Report("Struts against cables", rows, "actuation", drawn, {"slow": slow, "subsets": spread})
 
 
 def actuated(scene: Scene, kind: str, frequency: float) -> Scene:
@@ -115,26 +117,27 @@ def subset_row(name: str, found: list[float]) -> Row:
 
 
 @plot.styled
-def figure(frequencies, slow: dict, paths: dict, spread: dict) -> Figure:
-    chart = Figure(figsize=(11, 4.6), layout="constrained")
-    moved, above, draws = chart.subplots(1, 3)
-    for k, (name, found) in enumerate(slow.items()):
-        for kind, style in (("struts", "o-"), ("cables", "s--")):
-            moved.loglog(
-                frequencies, np.maximum(found[kind]["moved"], 1e-6), style, color=f"C{k}", label=f"{name}, {kind}"
-            )
-    for kind, path in paths.items():
-        above.plot(path[:, 0], path[:, 1], label=kind)
-    draws.boxplot([np.array(d)[np.isfinite(d)] for d in spread.values()], tick_labels=list(spread), whis=(0, 100))
+def figure(frequencies: list[float], moved: dict, paths: dict, spread: dict) -> Figure:
+    chart = Figure(figsize=(plot.WIDTH, 4.8), layout="constrained")
+    distance, above, draws = chart.subplots(1, 3)
+    looks = iter(zip(("C0", "C1", "C2", "C3", "C4", "C5"), plot.MARKERS))
+    for name, found in moved.items():
+        for kind in ("struts", "cables"):
+            (colour, marker), metres = next(looks), np.maximum(np.array(found[kind], float), 1e-6)
+            style = "-" if kind == "struts" else "--"
+            distance.loglog(frequencies, metres, marker + style, color=colour, ms=5, label=f"{CALLED[name]}, {kind}")
+    for path, colour in zip(paths.values(), ("C0", "C1")):  # the reference robot's, as to the left
+        above.plot(*np.transpose(path), color=colour)
+    every = [np.array(each, float) for each in spread.values()]
+    found = [each[np.isfinite(each)] for each in every]
+    draws.boxplot(found, tick_labels=[CALLED[name].replace(" ", "\n") for name in spread], whis=(0, 100))
     draws.set_yscale("log")
-    moved.set(xlabel="frequency (Hz)", ylabel="displacement in two periods (m)")
-    above.set(xlabel="x (m)", ylabel="y (m)", title=f"{REFERENCE}, {frequencies[-1]:.3g} Hz")
+    draws.grid(visible=False, axis="x")
+    distance.set(xlabel="frequency (Hz)", ylabel="displacement in two periods (m)")
+    above.set(xlabel="x (m)", ylabel="y (m)", title=f"{CALLED[REFERENCE]}, {frequencies[-1]:.3g} Hz")
     above.axis("equal")
-    draws.set(ylabel="displacement (m)", title="a random fifth of the cables")
-    moved.set_xticks(frequencies, [f"{f:.3g}" for f in frequencies])
-    moved.minorticks_off()
-    for axes in (moved, above):
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16))
-    for axes in (moved, above, draws):
-        axes.grid(alpha=0.3)
+    draws.set(ylabel="displacement (m)", title="a random fifth\nof the cables")
+    distance.set_xticks(frequencies, [f"{f:.3g}" for f in frequencies], rotation=45)
+    distance.minorticks_off()
+    chart.legend(*distance.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return chart

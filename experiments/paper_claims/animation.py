@@ -6,7 +6,7 @@ from matplotlib.ticker import MaxNLocator
 
 from jaxgrity import Scene, SolverOptions, Trajectory, centre_path, simulate
 from jaxgrity.report import plot
-from paper_claims.report import REFERENCE, Report, Row, scenes, verdict
+from paper_claims.report import REFERENCE, Report, Row, scenes, thinned, verdict
 
 STEP = 5e-4
 MOMENT = 8.0
@@ -28,8 +28,8 @@ def check(quick: bool) -> Report:
     for name, found in facts.items():
         found["distance_finer"] = roll(known[name], finer[name])["distance"]
     rows = [row(name, found) for name, found in facts.items()]
-    figures = {"frames": frames(known[REFERENCE], motions[REFERENCE])}
-    return Report("The animation", rows, figures, facts, (known[REFERENCE], motions[REFERENCE]))
+    motion = known[REFERENCE], motions[REFERENCE]
+    return Report("The animation", rows, "frames", {"frames": frames(*motion)}, facts, motion)
 
 
 def roll(scene: Scene, motion: Trajectory) -> dict:
@@ -71,25 +71,32 @@ def row(name: str, found: dict) -> Row:
     return Row(claim, "8, Fig. 5", name, measured, verdict(rolls and known, rolls), why)
 
 
-@plot.styled
-def frames(scene: Scene, motion: Trajectory) -> Figure:
+def frames(scene: Scene, motion: Trajectory) -> list[dict]:
+    """Three moments: the nodes, and the path of the centre before, near where it is then; m."""
     times, q = np.asarray(motion.times), np.asarray(motion.positions)
-    path = centre_path(scene, motion)
-    figure = Figure(figsize=(10.5, 3.6))
-    shown = [0, min(len(times) - 1, 50), min(len(times) - 1, int(np.searchsorted(times, MOMENT)))]
-    for place, k in enumerate(shown):
-        axes = figure.add_subplot(1, 3, place + 1, projection="3d", computed_zorder=False)
-        x, y, _ = path[k]
+    path, found = centre_path(scene, motion)[:, :2], []
+    for k in (0, min(len(times) - 1, 50), min(len(times) - 1, int(np.searchsorted(times, MOMENT)))):
+        near = np.abs(path[: k + 1] - path[k]).max(1) < 0.9
+        found.append({"time": times[k], "nodes": q[k], "centre": path[k], "path": thinned(path[: k + 1][near])})
+    return found
+
+
+@plot.styled
+def figure(frames: list[dict]) -> Figure:
+    scene, chart = scenes()[REFERENCE], Figure(figsize=(plot.WIDTH, 3.6))
+    for place, frame in enumerate(frames):
+        axes = chart.add_subplot(1, 3, place + 1, projection="3d", computed_zorder=False)
+        x, y = frame["centre"]
         corners = np.array([[x - 1, x + 1], [x - 1, x + 1]]), np.array([[y - 1, y - 1], [y + 1, y + 1]])
         axes.plot_surface(*corners, 0 * corners[0], color=plot.GROUND, alpha=0.5, shade=False)
-        near = path[: k + 1][np.abs(path[: k + 1, :2] - path[k, :2]).max(1) < 0.9]
+        near = np.array(frame["path"])
         axes.plot(near[:, 0], near[:, 1], 0 * near[:, 0], color=plot.PATH)
-        plot.draw_robot(axes, scene, q[k])
+        plot.draw_robot(axes, scene, np.array(frame["nodes"]))
         axes.set(xlim=(x - 0.8, x + 0.8), ylim=(y - 0.8, y + 0.8), zlim=(0, 1.2))
-        axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", title=f"t = {times[k]:.1f} s")
+        axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", title=f"t = {frame['time']:.1f} s")
         axes.set_box_aspect((1.6, 1.6, 1.2), zoom=0.95)
         axes.patch.set_visible(False)  # it would cover the labels of the axes to the left
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_major_locator(MaxNLocator(4, prune="both"))
-    figure.subplots_adjust(left=0.0, right=0.96, bottom=0.04, top=0.92, wspace=0.1)  # 3D labels count in no layout
-    return figure
+    chart.subplots_adjust(left=0.0, right=0.96, bottom=0.04, top=0.92, wspace=0.1)  # 3D labels count in no layout
+    return chart

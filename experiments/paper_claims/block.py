@@ -50,7 +50,11 @@ def check(quick: bool) -> Report:
     return Report(
         "The friction switch",
         rows,
-        {"block": figure(facts, dropped)},
+        "block",
+        {
+            "slid": {law: [[float(a), row["slid"], row["exact"]] for a, row in facts[law].items()] for law in LAWS},
+            "dropped": {law: {k: dropped[law][k] for k in ("times", "depth", "ratio")} for law in LAWS},
+        },
         {"on the plane": facts, "dropped": dropped, "friction_angle": FRICTION_ANGLE},
     )
 
@@ -198,26 +202,21 @@ def complementarity_rows(facts: dict) -> list[Row]:
 
 
 @plot.styled
-def figure(facts: dict, dropped: dict) -> Figure:
-    chart = Figure(figsize=(10.5, 4.2), layout="constrained")
-    slid, deep, ratio = chart.subplots(1, 3)
-    for k, (law, found) in enumerate(facts.items()):
-        angles = [float(angle) for angle in found]
-        slid.semilogy(
-            angles, [abs(row["slid"]) + 1e-16 for row in found.values()], "os^"[k] + "-", label=law, alpha=0.7
-        )
-        motion = dropped[law]
-        deep.plot(motion["times"], 1e3 * np.asarray(motion["depth"]), "--" if law == "switch" else "-", label=law)
-        ratio.plot(motion["times"], motion["ratio"], label=law, lw=1)
-    exact = [(float(a), row["exact"]) for a, row in facts["cone"].items() if row["exact"] > 0]
-    slid.semilogy(*zip(*exact), "k_", ms=14, label="exact")
-    slid.axvline(FRICTION_ANGLE, color="k", lw=0.6, ls=":", label="friction angle")
-    slid.set(xlabel="incline (degrees)", ylabel="distance slid in 5 s (m)")
+def figure(slid: dict, dropped: dict) -> Figure:
+    chart = Figure(figsize=(plot.WIDTH, 4.2), layout="constrained")
+    far, deep, ratio = chart.subplots(1, 3)
+    for (law, found), marker in zip(slid.items(), plot.MARKERS):
+        angles, distances, exact = np.array(found).T
+        far.semilogy(angles, np.abs(distances) + 1e-16, f"{marker}-", label=law, alpha=0.7)
+        motion, sparse = dropped[law], {"marker": marker, "markersize": 4, "markevery": 0.08}
+        deep.plot(motion["times"], 1e3 * np.array(motion["depth"]), "--" if law == "switch" else "-", **sparse)
+        ratio.plot(motion["times"], motion["ratio"], lw=1, **sparse)
+    far.semilogy(angles[exact > 0], exact[exact > 0], "k_", ms=14, label="exact")
+    far.axvline(FRICTION_ANGLE, color="C3", lw=1.2, label="friction angle")
+    far.set(xlabel="incline (degrees)", ylabel="distance slid in 5 s (m)")
     deep.set(xlabel="time (s)", ylabel="depth below the plane (mm)", xlim=(0, 1), ylim=(-10, 4))
-    ratio.axhline(MU, color="k", lw=0.8, ls="-.", label="mu")
+    ratio.axhline(MU, color="C4", lw=1.2, label="coefficient of friction")
     ratio.set(xlabel="time (s)", ylabel="friction / normal force", xlim=(0, 1))
-    lines = {label: line for axes in (slid, ratio) for line, label in zip(*axes.get_legend_handles_labels())}
-    for axes in (slid, deep, ratio):
-        axes.grid(alpha=0.3)
-    chart.legend(lines.values(), lines, loc="outside lower center", ncols=len(lines))
+    lines = {label: line for axes in (far, ratio) for line, label in zip(*axes.get_legend_handles_labels())}
+    chart.legend(lines.values(), lines, loc="outside lower center", ncols=3)
     return chart

@@ -7,7 +7,19 @@ from matplotlib.figure import Figure
 
 from jaxgrity import FAILURES, EnergyAudit, Scene, SolverOptions, energy_audit, simulate
 from jaxgrity.report import plot
-from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict, without
+from paper_claims.report import (
+    CALLED,
+    PROGRAM,
+    REFERENCE,
+    TEXT,
+    Report,
+    Row,
+    scenes,
+    significant,
+    thinned,
+    verdict,
+    without,
+)
 
 STEP = 1e-3
 CONSERVATIVE_STEP = 5e-4
@@ -19,6 +31,8 @@ SETTLED = 2.0
 RK4 = SolverOptions("rk4", STEP, any_step=True)
 IMPLICIT = SolverOptions("kvaerno5", rtol=1e-3, atol=1e-5)
 MOST_STEPS = 40_000
+DRAWN = "times", "kinetic", "potential", "actuation", "lost", "residual"
+"""what the figure shows of each audit"""
 ADEQUATE = 0.01
 """of what is turned over: what the balance may lack"""
 
@@ -34,8 +48,10 @@ def check(quick: bool) -> Report:
     rows += [adequate_row(name, found) for name, found in facts.items()]
     methods = other_methods(known[PROGRAM], duration, quick)
     rows += method_rows(methods)
-    figures = {"energy": figure(audits)}
-    return Report("Energy drift", rows, figures, {"scenes": facts, "methods": methods})
+    drawn = {
+        "audits": {name: {part: thinned(getattr(audit, part)) for part in DRAWN} for name, audit in audits.items()}
+    }
+    return Report("Energy drift", rows, "energy", drawn, {"scenes": facts, "methods": methods})
 
 
 def drift(audit: EnergyAudit) -> dict:
@@ -129,21 +145,27 @@ def method_rows(found: dict) -> list[Row]:
 
 
 @plot.styled
-def figure(audits: dict[str, EnergyAudit]) -> Figure:
-    chart = Figure(figsize=(3.5 * len(audits), 6.5), layout="constrained")
+def figure(audits: dict[str, dict]) -> Figure:
+    chart = Figure(figsize=(plot.WIDTH, 6), layout="constrained")
     for (name, audit), above, below in zip(audits.items(), *chart.subplots(2, len(audits), squeeze=False)):
-        above.plot(audit.times, audit.kinetic + audit.potential, "k", lw=1.5, label="mechanical energy T + U")
-        above.plot(audit.times, audit.kinetic, color="C0", lw=1, label="kinetic T")
-        above.plot(audit.times, audit.potential, color="C1", lw=1, label="potential U")
-        above.plot(audit.times, audit.actuation, color="C2", lw=1, label="work of the actuators")
-        above.plot(audit.times, audit.lost, color="C3", lw=1, label="dissipated")
-        above.axvline(SETTLED, color="k", lw=0.6, ls=":")
-        above.set(title=name, xlabel="time (s)", ylabel="energy (J)")
-        above.grid(alpha=0.3)
-        below.semilogy(
-            audit.times[1:], np.abs(audit.residual[1:]) + 1e-16, color="C4", label="|residual of the balance|"
-        )
-        below.set(xlabel="time (s)", ylabel="residual of the balance (J)")
-        below.grid(alpha=0.3)
+        times, kinetic, potential, actuation, lost, residual = (np.array(audit[part], float) for part in DRAWN)
+        parts = {
+            "mechanical energy T + U": kinetic + potential,
+            "kinetic energy T": kinetic,
+            "potential energy U": potential,
+            "work of the actuators": actuation,
+            "dissipated": lost,
+        }
+        looks = zip(parts.items(), ("black", "C0", "C1", "C2", "C3"), plot.MARKERS)
+        for k, ((label, energy), colour, marker) in enumerate(looks):
+            mark = {"marker": marker, "markersize": 5, "markevery": (0.03 + 0.02 * k, 0.15)}
+            above.plot(times, energy, color=colour, lw=1.2, label=label, **mark)
+        above.axvline(SETTLED, color="grey", lw=0.8)
+        above.set(title=CALLED[name])
+        below.semilogy(times[1:], np.abs(residual[1:]) + 1e-16, color="C4")
+        below.set(xlabel="time (s)")
+    above, below = chart.axes[0], chart.axes[len(audits)]
+    above.set_ylabel("energy (J)")
+    below.set_ylabel("residual of the balance (J)")
     chart.legend(*above.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return chart

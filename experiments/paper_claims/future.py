@@ -74,7 +74,7 @@ def check(quick: bool) -> Report:
             "them (`docs/control.md`)",
         ),
     ]
-    return Report("Future directions", rows, {"future": figure(spread)}, {"slips": slips, "turning": spread})
+    return Report("Future directions", rows, "future", {"moved": spread["moved"]}, {"slips": slips, "turning": spread})
 
 
 def measured(name: str) -> dict:
@@ -95,13 +95,12 @@ def turning(quick: bool) -> dict:
 
 
 @plot.styled
-def figure(spread: dict) -> Figure:
-    chart = Figure(figsize=(5, 4.8), layout="constrained")
+def figure(moved: list) -> Figure:
+    chart = Figure(figsize=(plot.WIDTH, 4.8), layout="constrained")
     axes = chart.subplots()
-    axes.plot(*np.asarray(spread["moved"]).T, "o", ms=4, label="random gaits, 8 s")
+    axes.plot(*np.transpose(moved), "o", ms=4, label="random gaits, 8 s")
     axes.plot(0, 0, "k+", ms=12, label="start")
     axes.set(xlabel="x (m)", ylabel="y (m)")
     axes.axis("equal")
-    axes.grid(alpha=0.3)
-    axes.legend()
+    chart.legend(loc="outside right upper")
     return chart

@@ -33,7 +33,7 @@ def check(quick: bool) -> Report:
         "normal": float(np.abs(printed_normal() - signed_normal()).max()),
         "slack": slack(),
     }
-    return Report("Gradients", rows(facts), {"slack_cable": figure(facts["slack"])}, facts)
+    return Report("Gradients", rows(facts), "slack_cable", {"cable": facts["slack"]}, facts)
 
 
 def printed_appendix(pairs: np.ndarray) -> np.ndarray:
@@ -144,14 +144,14 @@ def rows(facts: dict) -> list[Row]:
 
 @plot.styled
 def figure(cable: dict) -> Figure:
-    chart = Figure(figsize=(9, 3.8), layout="constrained")
+    chart = Figure(figsize=(plot.WIDTH, 3.8), layout="constrained")
     force, stiffness = chart.subplots(1, 2)
-    force.plot(1e3 * cable["stretch"], cable["force"])
+    stretch = 1e3 * np.array(cable["stretch"])
+    force.plot(stretch, cable["force"])
     # the stiffness jumps after the last sample that has none, which is that of l = L0
-    stiffness.plot(1e3 * cable["stretch"], cable["stiffness"], drawstyle="steps-pre")
+    stiffness.plot(stretch, cable["stiffness"], drawstyle="steps-pre")
     force.set(xlabel="stretch l - L0 (mm)", ylabel="force (N)")
     stiffness.set(xlabel="stretch l - L0 (mm)", ylabel="stiffness (N/m)")
     for axes in (force, stiffness):
-        axes.grid(alpha=0.3)
         axes.xaxis.set_major_locator(MaxNLocator(5))
     return chart

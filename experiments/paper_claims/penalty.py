@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 from jaxgrity import PenaltyGround, Scene, SolverOptions, Structure, simulate
 from jaxgrity.report import plot
 from paper_claims.report import (
+    CALLED,
     PROGRAM,
     REFERENCE,
     TEXT,
@@ -46,7 +47,9 @@ def check(quick: bool) -> Report:
     rows += [half_millimetre_row(name, by_step[name], weights[name]) for name in names]
     rows += [weight_row(name, weights[name]) for name in names if name != REFERENCE or quick]
     rows += [kkt_row(name, landing[name], exact[name]) for name in names]
-    return Report("Penalty against KKT", rows, {"penalty": figure(resting, landing, by_step)}, facts)
+    return Report(
+        "Penalty against KKT", rows, "penalty", {key: facts[key] for key in ("rest", "landing", "by_step")}, facts
+    )
 
 
 def rest(k_n: float) -> float:
@@ -115,21 +118,22 @@ def kkt_row(name: str, landing: dict[str, float], exact: float) -> Row:
 
 
 @plot.styled
-def figure(resting: dict, landing: dict, by_step: dict) -> Figure:
-    chart = Figure(figsize=(10, 5.5), layout="constrained")
+def figure(rest: dict, landing: dict, by_step: dict) -> Figure:
+    chart = Figure(figsize=(plot.WIDTH, 5), layout="constrained")
     against, steps = chart.subplots(1, 2)
-    k_n = np.array([float(k) for k in resting])
-    against.loglog(k_n, list(resting.values()), "ko", label="block at rest")
-    against.loglog(k_n, 9.81 / k_n, "k--", lw=0.8, label="m g / k_n")
-    for name, found in landing.items():
-        against.loglog(k_n, list(found.values()), "s-", label=f"{name}, landing")
-    for name, found in by_step.items():
-        steps.loglog([float(dt) for dt in found], list(found.values()), "s-", label=name)
-    steps.axhline(PAPER_BAR, color="k", lw=0.8, ls=":", label="0.5 mm (the paper)")
-    against.set(xlabel="k_n (N/m)", ylabel="deepest penetration (m)")
-    steps.set(xlabel="step (s)", ylabel="deepest penetration (m)", title="k_n = 1e5 N/m")
-    for axes in (against, steps):
-        axes.grid(alpha=0.3)
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18))
-        axes.yaxis.set_minor_formatter("")
+    k_n = np.array([float(k) for k in rest])
+    for (name, found), marker in zip(landing.items(), plot.MARKERS):
+        against.loglog(k_n, 1e3 * np.array(list(found.values()), float), f"{marker}-", label=f"{CALLED[name]}, landing")
+    against.loglog(k_n, 1e3 * np.array(list(rest.values())), "ko", label="block at rest")
+    against.loglog(k_n, 1e3 * 9.81 / k_n, color="0.6", lw=0.8, zorder=0, label="weight / stiffness, of the block")
+    for (_, found), marker in zip(by_step.items(), plot.MARKERS):
+        milliseconds = [1e3 * float(dt) for dt in found]
+        steps.loglog(milliseconds, 1e3 * np.array(list(found.values()), float), f"{marker}-")
+    steps.axhline(1e3 * PAPER_BAR, color="C4", lw=1.2, label="0.5 mm, as the paper says")
+    against.set(xlabel="stiffness of the ground (N/m)", ylabel="deepest penetration (mm)")
+    steps.set(xlabel="step (ms)", ylabel="deepest penetration (mm)", title="stiffness 1e5 N/m")
+    steps.set_xticks(milliseconds, [f"{each:g}" for each in milliseconds])
+    steps.set_yticks(ticks := (0.5, 1, 2, 3), [f"{each:g}" for each in ticks])
+    steps.minorticks_off()
+    chart.legend(loc="outside lower center", ncols=3)
     return chart

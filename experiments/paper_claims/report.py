@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-from matplotlib.figure import Figure
 
 from jaxgrity import ConeFriction, ExactGround, Members, Scene, Structure, Trajectory, load_scene
 
@@ -12,6 +11,8 @@ HOLDS, CONDITIONAL, FAILS = VERDICTS = "holds", "holds with a condition", "does 
 
 PROGRAM, TEXT, REFERENCE = "paper_program", "paper_text", "reference"
 """names of scenes: the robot of the paper's program, of its text, and the project's own"""
+CALLED = {PROGRAM: "paper's program", TEXT: "paper's text", REFERENCE: "reference robot"}
+"""what figures call them"""
 
 
 class Row(NamedTuple):
@@ -31,8 +32,10 @@ class Report(NamedTuple):
 
     title: str
     rows: list[Row]
-    figures: dict[str, Figure]
-    """by name; docs/paper.md has their captions"""
+    picture: str
+    """name of its figure, whose caption is in docs/paper.md"""
+    drawn: dict[str, Any]
+    """what the module's function `figure` takes, as JSON"""
     facts: dict[str, Any]
     """the numbers, for JSON"""
     motion: tuple[Scene, Trajectory] | None = None
@@ -78,6 +81,11 @@ def stiffened(scene: Scene, K: float) -> Scene:
 def grounded(scene: Scene, k_n: float) -> Scene:
     """The same robot on ground of stiffness k_n, N/m."""
     return eqx.tree_at(lambda s: s.ground.stiffness, scene, np.asarray(k_n))
+
+
+def thinned(values: np.ndarray, most: int = 150) -> np.ndarray:
+    """At most so many of the values, evenly spread: a panel has few more pixels."""
+    return np.asarray(values)[:: -(-len(values) // most)]
 
 
 def significant(value: float, unit: str = "") -> str:

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from jaxgrity import Scene, SolverOptions, simulate
 from jaxgrity.report import plot
 from jaxgrity.stepping import vector_field
-from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
+from paper_claims.report import CALLED, PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 
 STEP = 5e-4
 
@@ -19,7 +19,7 @@ def check(quick: bool) -> Report:
     counts = (1, 10, 100) if quick else (1, 10, 100, 300, 600, 1000, 2000)
     facts = {name: {"steps": counts, "apart": compare(known[name], counts)} for name in names}
     rows = [row(name, found) for name, found in facts.items()]
-    return Report("RK4 as printed", rows, {"runge_kutta": figure(facts)}, facts)
+    return Report("RK4 as printed", rows, "runge_kutta", {"facts": facts}, facts)
 
 
 def compare(scene: Scene, counts: tuple[int, ...]) -> list[float]:
@@ -66,12 +66,11 @@ def row(name: str, found: dict) -> Row:
 
 @plot.styled
 def figure(facts: dict) -> Figure:
-    chart = Figure(figsize=(6.5, 4.2), layout="constrained")
+    chart = Figure(figsize=(plot.WIDTH, 4.2), layout="constrained")
     axes = chart.subplots()
-    for name, found in facts.items():
-        axes.loglog(found["steps"], np.maximum(found["apart"], 1e-18), "o-", label=name)
-    axes.axhline(np.finfo(float).eps, color="k", lw=0.6, ls=":", label="rounding of 1 m")
+    for (name, found), marker in zip(facts.items(), plot.MARKERS):
+        axes.loglog(found["steps"], np.maximum(found["apart"], 1e-18), f"{marker}-", label=CALLED.get(name, name))
+    axes.axhline(np.finfo(float).eps, color="black", lw=1.2, label="rounding of 1 m")
     axes.set(xlabel="steps of 5e-4 s", ylabel="largest difference (m)")
-    axes.grid(alpha=0.3)
-    axes.legend(loc="upper left")
+    chart.legend(loc="outside lower center", ncols=4)
     return chart

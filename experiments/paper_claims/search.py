@@ -2,11 +2,12 @@
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from jaxgrity import Fitness, GAConfig, Gait, Genome, Scene, SearchProblem, SolverOptions, evolve, verify, with_gait
 from jaxgrity.report import plot
 from jaxgrity.search import distinct
-from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
+from paper_claims.report import CALLED, PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 
 STEP = 1e-3
 FINALISTS = 4
@@ -19,7 +20,7 @@ def check(quick: bool) -> Report:
     kinds = ("struts",) if quick else ("struts", "cables")
     facts = {f"{name}, {kind}": hunt(known[name], kind, quick) for name in names for kind in kinds}
     rows = [row(name, found) for name, found in facts.items()]
-    return Report("The genetic algorithm", rows, {"search": figure(facts)}, facts)
+    return Report("The genetic algorithm", rows, "search", {"facts": facts}, facts)
 
 
 def hunt(scene: Scene, kind: str, quick: bool) -> dict:
@@ -70,23 +71,25 @@ def row(name: str, found: dict) -> Row:
 
 @plot.styled
 def figure(facts: dict) -> Figure:
-    chart = Figure(figsize=(9, 4.8), layout="constrained")
+    chart = Figure(figsize=(plot.WIDTH, 6.5), layout="constrained")
     axes = chart.subplots()
     for k, (name, found) in enumerate(facts.items()):
         generations = np.arange(1, len(found["best"]) + 1)
-        axes.plot(generations, found["best"], "o-", ms=3, color=f"C{k}", label=f"{name}: best")
-        axes.plot(generations, found["median"], "--", color=f"C{k}", lw=0.8, label=f"{name}: median")
-        bar = found["error_bar"] if np.isfinite(found["error_bar"]) else 0.0
+        scene, kind = name.split(", ")
+        look = {"color": f"C{k}", "marker": plot.MARKERS[k], "markersize": 4}
+        axes.plot(generations, found["best"], **look, label=f"{CALLED[scene]}, {kind}: best")
+        axes.plot(generations, found["median"], "--", **look, lw=0.8, mfc="white", label="median")
+        bar = found["error_bar"] or 0.0  # none where it is not finite
         axes.errorbar(
             generations[-1] + 0.5 + 0.15 * k,
             found["distance"],
             bar,
-            fmt="o",
+            fmt=plot.MARKERS[k],
             color=f"C{k}",
             capsize=3,
-            label=f"{name}: the best, verified",
+            label="the best, verified",
         )
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="generation", ylabel="distance in a rollout (m)", ylim=(0, None))
-    axes.grid(alpha=0.3)
     chart.legend(loc="outside lower center", ncols=3)
     return chart

@@ -6,7 +6,19 @@ from measurements.measured_limits import at_rest, measure
 
 from jaxgrity import METHODS, Scene, SolverOptions, energy_audit, stable_step
 from jaxgrity.report import plot
-from paper_claims.report import PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, stiffened, verdict, without
+from paper_claims.report import (
+    CALLED,
+    PROGRAM,
+    REFERENCE,
+    TEXT,
+    Report,
+    Row,
+    scenes,
+    significant,
+    stiffened,
+    verdict,
+    without,
+)
 
 STIFFNESSES = (1e5, 2e5, 5e5, 1e6)
 """K of the struts, N/m"""
@@ -25,7 +37,7 @@ def check(quick: bool) -> Report:
     rows = [edge_row(name, found, values) for name, found in limits.items()]
     rows += [halving_row(name, found) for name, found in halved.items()]
     facts = {"stiffnesses": values, "limits": limits, "residuals": halved}
-    return Report("Stability", rows, {"stability": figure(values, limits)}, facts)
+    return Report("Stability", rows, "stability", {"values": values, "limits": limits}, facts)
 
 
 def limit(scene: Scene, K: float) -> dict:
@@ -70,13 +82,15 @@ def halving_row(name: str, found: list[float]) -> Row:
 
 @plot.styled
 def figure(values: tuple[float, ...], limits: dict) -> Figure:
-    chart = Figure(figsize=(6.5, 5.5), layout="constrained")
+    chart = Figure(figsize=(plot.WIDTH, 5.5), layout="constrained")
     axes = chart.subplots()
-    for k, (name, found) in enumerate(limits.items()):
-        axes.loglog(values, [f["predicted"] for f in found], "-", color=f"C{k}", label=f"{name}, predicted")
-        axes.loglog(values, [f["measured"] for f in found], "o", color=f"C{k}", label=f"{name}, measured")
-    axes.axhline(STEP, color="k", ls="--", lw=0.8, label="the paper's step")
-    axes.set(xlabel="stiffness of the struts (N/m)", ylabel="largest stable step (s)")
-    axes.grid(alpha=0.3, which="both")
+    for k, ((name, found), marker) in enumerate(zip(limits.items(), plot.MARKERS)):
+        predicted, measured = (
+            1e3 * np.array([each[key] for each in found], float) for key in ("predicted", "measured")
+        )
+        axes.loglog(values, predicted, color=f"C{k}", label=f"{CALLED[name]}, predicted")
+        axes.loglog(values, measured, marker, color=f"C{k}", label=f"{CALLED[name]}, measured")
+    axes.axhline(1e3 * STEP, color="black", lw=1.2, label="the paper's step")
+    axes.set(xlabel="stiffness of the struts (N/m)", ylabel="largest stable step (ms)")
     chart.legend(loc="outside lower center", ncols=2)
     return chart

@@ -6,7 +6,7 @@ from matplotlib.ticker import MaxNLocator
 
 from jaxgrity import Scene
 from jaxgrity.report import plot
-from paper_claims.report import PROGRAM, REFERENCE, Report, Row, scenes, significant, verdict
+from paper_claims.report import CALLED, PROGRAM, REFERENCE, Report, Row, scenes, significant, verdict
 
 
 def check(quick: bool) -> Report:
@@ -31,9 +31,14 @@ def check(quick: bool) -> Report:
                 "edges are cables",
             )
         )
-    figure = Figure(figsize=(10.5, 5))
+    return Report("The structure", rows, "structure", {"facts": facts}, facts)
+
+
+@plot.styled
+def figure(facts: dict) -> Figure:
+    known, chart = scenes(), Figure(figsize=(plot.WIDTH, 5))
     for place, name in enumerate((REFERENCE, PROGRAM)):
-        axes = figure.add_subplot(1, 2, place + 1, projection="3d")
+        axes = chart.add_subplot(1, 2, place + 1, projection="3d")
         q = np.asarray(known[name].structure.nodes)
         plot.draw_robot(axes, known[name], q, number=True)
         half = np.ptp(q, axis=0).max() / 1.7
@@ -42,9 +47,9 @@ def check(quick: bool) -> Report:
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_major_locator(MaxNLocator(5))
             axis.labelpad = 8
-        axes.set_title(f"{name}: {facts[name]['struts']} struts (red), {facts[name]['cables']} cables (dark)")
-    figure.subplots_adjust(left=0.0, right=0.95, bottom=0.06, top=0.93, wspace=0.1)  # 3D labels count in no layout
-    return Report("The structure", rows, {"structure": figure}, facts)
+        axes.set_title(f"{CALLED[name]}: {facts[name]['struts']} struts (red), {facts[name]['cables']} cables (dark)")
+    chart.subplots_adjust(left=0.0, right=0.95, bottom=0.06, top=0.93, wspace=0.1)  # 3D labels count in no layout
+    return chart
 
 
 def geometry(scene: Scene) -> dict:

@@ -40,7 +40,7 @@ class Acting(eqx.Module):
 @measurement(
     page="environments.md",
     quick={"seeds": (0,), "million_periods": 0.02, "robots": 8, "episodes": 2, "seconds": 0.4},
-    raw=("curve",),
+    drawn=("curve",),
 )
 def brax_ppo(
     task: str = "goal",
@@ -147,7 +147,7 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@brax_ppo.figure(6, 3.5)
+@brax_ppo.figure(4)
 def figure(record: Record, chart: Figure) -> None:
     """Reward in Brax's own evaluations, against control periods."""
     axes = chart.subplots()

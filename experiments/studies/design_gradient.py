@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import table
+from measurements.pages import by_name, table
 from scipy.optimize import linprog
 from studies.design_space import HIGHEST, LOWEST, NAMES, Limits, designed, on_orbit
 from tqdm import tqdm
@@ -25,6 +25,7 @@ from jaxgrity import InputError, Scene, load_gait, load_scene, with_gait
 from jaxgrity.io.files import read_text
 from jaxgrity.model import penalty_twin, rest_length
 from jaxgrity.orbits import Orbit, closed_orbit, find_orbit, restarted
+from jaxgrity.report import plot
 from jaxgrity.stepping import resolve, states_at
 
 WINDOW = 0.05
@@ -37,7 +38,7 @@ WATCHED = 100.0
 """s, for an orbit"""
 
 
-@measurement(page="gait_records.md", quick={"steps": 1, "last": 1}, raw=("each", "slopes", "limits"))
+@measurement(page="gait_records.md", quick={"steps": 1, "last": 1}, raw=("limits",), drawn=("each", "slopes"))
 def design_gradient(
     study: Path = Path("results/design_study/design_study.json"),
     steps: int = 8,
@@ -100,7 +101,7 @@ def climbed(exact: Scene, x: np.ndarray, limits: Limits, power: float, most: int
     kept = sum(step["kept"] for step in steps)
     said = f"{first['speed']:.3f} m/s on penalty contact, {here['speed']:.3f} m/s after {kept} steps"
     found = {"said": said, "penalty": first, "climbed": here, "back": back}
-    found |= {"steps": len(steps), "kept": kept, "each": steps}
+    found |= {"steps": len(steps), "kept": kept, "each": by_name(steps, "speed", "kept") if steps else []}
     return found | ({} if first_slope is None else {"slopes": first_slope._asdict()})
 
 
@@ -184,24 +185,26 @@ def told(found: Record) -> str:
     return f"{found['speed']:.3f}, {found['peak_power']:.0f} W" + ("" if found["settled"] else ", no orbit")
 
 
-@design_gradient.figure(11, 3.6)
+@design_gradient.figure(6.5)
 def figure(record: Record, chart: Figure) -> None:
     """What speed and power depend on in each design, and how the climbs went."""
     rows = record["rows"]
-    speed, power, climb = chart.subplots(1, 3)
+    (speed, power), (climb, beside) = chart.subplots(2, 2)
+    beside.set_axis_off()
     some = [row for row in rows if row["each"] and "slopes" in row]  # a record that keeps no steps is refused
-    for k, row in enumerate(some):
+    for k, (row, marker) in enumerate(zip(some, plot.MARKERS)):
         place = np.arange(len(NAMES)) + 0.8 * (k - (len(some) - 1) / 2) / max(len(some), 1)
         for axes, name in ((speed, "speed"), (power, "power")):
             relative = np.asarray(row["slopes"][name]) / row["penalty"]["speed" if name == "speed" else "peak_power"]
             axes.barh(place, relative, 0.8 / len(some), label=f"{row['power']:g} W")
-        kept = [row["penalty"]["speed"], *(step["speed"] for step in row["each"] if step["kept"])]
-        climb.plot(range(len(kept)), kept, "o-", label=f"{row['power']:g} W")
+        kept = [row["penalty"]["speed"], *np.array(row["each"]["speed"])[row["each"]["kept"]]]
+        climb.plot(range(len(kept)), kept, f"{marker}-")
     for axes, name in ((speed, "speed"), (power, "power")):
         axes.axvline(0, color="black", linewidth=0.8)
         axes.set_yticks(range(len(NAMES)), NAMES if axes is speed else [""] * len(NAMES))
+        axes.grid(axis="y", visible=False)
         axes.invert_yaxis()
-        axes.set(xlabel="% for 1 % of the number", title=f"What {name} depends on")
-    climb.set(xlabel="steps kept", ylabel="steady speed (m/s)", ylim=(0, None), title="Penalty contact")
+        axes.set(xlabel=f"change of {name} (%) for 1 % of the number", title=f"What {name} depends on")
+    climb.set(xlabel="steps kept", ylabel="steady speed (m/s)", ylim=(0, None), title="Climbs on penalty contact")
     climb.xaxis.get_major_locator().set_params(integer=True)
-    chart.legend(*speed.get_legend_handles_labels(), title="power allowed", loc="outside right upper")
+    beside.legend(*speed.get_legend_handles_labels(), title="power allowed", loc="upper left")

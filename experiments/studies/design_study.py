@@ -17,6 +17,7 @@ from studies.design_space import GAIT_ALONE, HIGHEST, LOWEST, NAMES, Limits, Tri
 from tqdm import tqdm
 
 from jaxgrity import InputError, Scene, load_gait, load_scene, with_gait
+from jaxgrity.report import plot
 
 KINDS = {"gait alone": GAIT_ALONE, "robot and gait": np.ones(len(NAMES))}
 """what is free"""
@@ -140,11 +141,12 @@ def words(record: Record) -> str:
     return "\n\n".join([table(head, rows), table(numbers, designs), about])
 
 
-@design_study.figure(11, 3.6)
+@design_study.figure(6.4)
 def figure(record: Record, chart: Figure) -> None:
     """Speed and cost of transport over the power that an actuator may give, and the designs."""
     rows = record["rows"]
-    speed, cost, design = chart.subplots(1, 3)
+    (speed, cost), (design, beside) = chart.subplots(2, 2)
+    beside.set_axis_off()
     found = [row for row in rows if rolls(row)]
     for kind, look in zip(KINDS, ("s", "o-")):
         own = [row for row in found if row["kind"] == kind]
@@ -153,9 +155,9 @@ def figure(record: Record, chart: Figure) -> None:
         mark: dict[str, Any] = {"markersize": 10, "markerfacecolor": "none"} if look == "s" else {}
         speed.plot(power, [row["speed"] for row in own], look, label=kind, zorder=3, **mark)
         cost.plot(power, [row["cost_of_transport"] for row in own], look, label=kind, zorder=3, **mark)
-    for name in NAMES:
+    for name, marker in zip(NAMES, plot.MARKERS + "X"):
         built = [row for row in found if row["kind"] == "robot and gait"]
-        design.plot([row["power"] for row in built], [row["factors"][name] for row in built], "o-", label=name)
+        design.plot([row["power"] for row in built], [row["factors"][name] for row in built], f"{marker}-", label=name)
     limits = sorted({row["power"] for row in rows})
     for axes in (speed, cost, design):
         axes.set(xscale="log", xlabel="power allowed per actuator (W)")
@@ -166,5 +168,5 @@ def figure(record: Record, chart: Figure) -> None:
     design.set(ylabel="multiple of the scene's number", title="Design of robot and gait")
     for axes in (speed, cost, design):
         axes.set_ylim(0, 1.08 * axes.get_ylim()[1])  # room for a mark at the top
-    speed.legend()
-    design.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    beside.legend(*design.get_legend_handles_labels(), loc="upper left")
+    chart.legend(*speed.get_legend_handles_labels(), loc="outside upper center", ncols=2)

@@ -17,6 +17,7 @@ from measurements.measurement import Figure, Record, measurement
 from measurements.pages import short, table
 
 from jaxgrity import Members, PenaltyGround, Scene, SmoothFriction, SolverOptions, load_scene, simulate, with_gait
+from jaxgrity.report import plot
 
 STEP, FRAME_RATE = 5e-6, 50.0
 """s; 1/s"""
@@ -25,7 +26,7 @@ STEP, FRAME_RATE = 5e-6, 50.0
 @measurement(
     page="accuracy.md",
     quick={"motion": ("drop",), "strut_stiffness": (1e4, 1e5, 1e6), "ground_stiffness": (1e4, 1e5, 1e6)},
-    raw=("every",),
+    drawn=("every",),
 )
 def equivalence(
     motion: Literal["drop", "settle", "roll"],
@@ -144,21 +145,20 @@ def compare(law: Callable, exact: Scene, values: tuple[float, ...], duration: fl
     }
 
 
-@equivalence.figure(10, 4)
+@equivalence.figure(4)
 def figure(record: Record, chart: Figure) -> None:
-    """Distance between the models against stiffness, and penetration at rest against m g / (n k_n)."""
+    """Distance between the models against stiffness, and penetration at the end against m g / (n k_n)."""
     apart, deep = chart.subplots(1, 2)
-    for each, marker in zip(record["rows"], "o^s"):
+    for each, marker, name in zip(
+        record["rows"], plot.MARKERS, ("stiffer struts", "stiffer struts, no friction", "stiffer ground")
+    ):
         row = each["every"]
-        apart.loglog(row["values"], row["distance"], f"{marker}-", label=f"{each['grows']}: slope {row['slope']:.2f}")
-    apart.set(
-        xlabel="stiffness of struts K or ground k_n (N/m)",
-        ylabel="root mean square distance of nodes (m)",
-        title=f"{record['motion']}: distance from the exact model",
-    )
-    apart.legend()
-    deep.loglog(row["values"], row["penetration_at_end"], "s", label="mean penetration at the end")
-    known = [(v, w) for v, w in zip(row["values"], row["weight_over_n_k"]) if w is not None]
-    deep.loglog(*zip(*known), "k-", lw=0.8, label="m g / (n k_n), at rest")
-    deep.set(xlabel="k_n (N/m)", ylabel="depth in the ground (m)")
-    deep.legend()
+        apart.loglog(row["values"], 1e3 * np.array(row["distance"]), f"{marker}-", label=name)
+    apart.set(xlabel="stiffness (N/m)", ylabel="distance from the exact model (mm)")
+    deep.loglog(row["values"], 1e3 * np.array(row["penetration_at_end"]), "D", color="C3", label="depth at the end")
+    known = [(v, 1e3 * w) for v, w in zip(row["values"], row["weight_over_n_k"]) if w is not None]
+    deep.loglog(*zip(*known), color="black", label="depth at rest by its weight")
+    deep.set(xlabel="stiffness of the ground (N/m)", ylabel="mean depth of nodes in the ground (mm)")
+    for axes in (apart, deep):
+        axes.yaxis.set_minor_formatter("")
+    chart.legend(loc="outside lower center", ncols=3)

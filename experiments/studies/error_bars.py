@@ -17,7 +17,7 @@ from jaxgrity.report import plot
 from jaxgrity.stepping import resolve
 
 
-@measurement(page="accuracy.md", quick={"gaits": 8, "groups": 2, "durations": (2.0,)}, raw=("bars", "errors"))
+@measurement(page="accuracy.md", quick={"gaits": 8, "groups": 2, "durations": (2.0,)}, drawn=("bars", "errors"))
 def error_bars(
     gaits: int = 64, groups: int = 8, durations: tuple[float, ...] = (4.0, 10.0), seed: int = 2028
 ) -> Iterator[Record]:
@@ -83,15 +83,15 @@ def words(record: Record) -> str:
 def figure(record: Record, chart: Figure) -> None:
     """Bar against true error, a panel for each case: below the line the bar is too short."""
     rows = record["rows"]
-    chart.set_size_inches(8.5, 3.6 * -(-len(rows) // 2))
-    for axes, row in zip(chart.subplots(-(-len(rows) // 2), 2).flat, rows):
-        errors, bars = np.asarray(row["errors"]), np.asarray(row["bars"])
+    chart.set_figheight(3.4 * -(-len(rows) // 2) + 0.6)
+    for axes, row in zip(chart.subplots(-(-len(rows) // 2), 2, squeeze=False).flat, rows):
+        errors, bars = np.asarray(row["errors"], float), np.asarray(row["bars"], float)
         short = bars < errors
-        axes.loglog(errors[~short], bars[~short], "o", ms=4, color=plot.PATH)
-        axes.loglog(errors[short], bars[short], "o", ms=4, color=plot.STRUT)
+        axes.loglog(errors[~short], bars[~short], "o", ms=4, color=plot.PATH, label="bar covers the error")
+        axes.loglog(errors[short], bars[short], "X", ms=6, color=plot.STRUT, label="bar is too short")
         ends = np.array([errors.min(), errors.max()])
-        axes.loglog(ends, ends, "k-", lw=0.8, label="bar = error")
-        axes.loglog(ends, 5 * ends, "k:", lw=0.8, label="bar = 5 times the error")
+        axes.loglog(ends, ends, color="black", label="bar = error")
+        axes.loglog(ends, 5 * ends, color="C4", label="bar = 5 times the error")
         axes.set(xlabel="true error (m)", ylabel="error bar (m)")
-        axes.set_title(f"{row['scene']}, {row['duration']:g} s: {row['covered']:.0%} covered")
-    chart.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        axes.set_title(f"{row['scene']} scene, {row['duration']:g} s: {row['covered']:.0%} covered")
+    chart.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)

@@ -195,7 +195,7 @@ def figure(record: Record, chart: Figure) -> None:
     """The verdicts of the table as colours, float64 above float32."""
     rows, methods = record["rows"], methods_of(record)
     names = list(dict.fromkeys(row["case"] for row in rows))
-    chart.set_size_inches(8.5, 1.3 + 0.26 * len(names))
+    chart.set_figheight(1.3 + 0.26 * len(names))
     axes = chart.subplots()
     axes.set(xlim=(0, len(methods)), ylim=(len(names), 0), title="top half: float64, bottom half: float32")
     axes.set_xticks(np.arange(len(methods)) + 0.5, methods, rotation=20, ha="right")

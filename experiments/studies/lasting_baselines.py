@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple, get_args
 import jax
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import table
+from measurements.pages import by_name, table
 
 from jaxgrity import GAConfig, InputError, PolishConfig, SearchConfig, SearchProblem, contact_twin, evolve, load_scene
 from jaxgrity import polish as polish_from
@@ -55,6 +55,7 @@ class Size(NamedTuple):
     page="search_records.md",
     quick={"seeds": 1, "gaits": 96, "population": 16, "duration": 10.0, "polish": 128},
     raw=("answers",),
+    drawn=("speeds",),
 )
 def lasting_baselines(
     freedoms: tuple[Freedom, ...] = get_args(Freedom),
@@ -96,7 +97,8 @@ def lasting_baselines(
             answers.append(known | judged(problem, answer, judges, judged_for))
             yield answers[-1]
     about = {"gaits": gaits, "duration": duration, "polish": polish}
-    return about | {"rows": told(answers), "answers": answers}
+    speeds = by_name(answers, "freedom", "method", "own")
+    return about | {"rows": told(answers), "answers": answers, "speeds": speeds}
 
 
 def told(answers: list[Record]) -> list[Record]:
@@ -227,18 +229,21 @@ def judged(problem: SearchProblem, genes: np.ndarray, judges: int, duration: flo
     return {name: float(judge_at(fidelity_levels(each)[1], gaits, here, 0).mean[0]) for name, each in models.items()}
 
 
-@lasting_baselines.figure()
+@lasting_baselines.figure(5)
 def figure(record: Record, chart: Figure) -> None:
     """Every answer's steady speed on the own contact model, and the medians."""
-    rows = record["answers"]
-    freedoms = list(dict.fromkeys(row["freedom"] for row in rows))
-    chart.set_size_inches(5 * len(freedoms), 4.5)
-    for axes, freedom in zip(chart.subplots(1, len(freedoms), sharey=True, squeeze=False)[0], freedoms, strict=True):
-        methods = list(dict.fromkeys(row["method"] for row in rows if row["freedom"] == freedom))
+    each = {name: np.array(values) for name, values in record["speeds"].items()}
+    speeds = each["own"].astype(float)
+    freedoms, methods = (list(dict.fromkeys(each[name])) for name in ("freedom", "method"))
+    panes = chart.subplots(1, len(freedoms), sharey=True, squeeze=False)[0]
+    for axes, freedom in zip(panes, freedoms, strict=True):
         for k, method in enumerate(methods):
-            found = [row["own"] for row in rows if (row["freedom"], row["method"]) == (freedom, method)]
-            axes.plot(k + np.linspace(-0.15, 0.15, len(found)), found, "o", ms=4, color="C0")
-            axes.hlines(np.nanmedian(found), k - 0.3, k + 0.3, color="black")
-        axes.set_xticks(range(len(methods)), methods, rotation=30, ha="right")
-        axes.set(title={"waves": "waves", "free": "free gaits"}[freedom], ylim=(0, None))
-        axes.set_ylabel("steady speed (body lengths/s)")
+            found = speeds[(each["freedom"] == freedom) & (each["method"] == method)]
+            named = ("a search", "median") if k == 0 else (None, None)
+            axes.plot(found, k + np.linspace(-0.2, 0.2, len(found)), "o", ms=5, alpha=0.6, color="C0", label=named[0])
+            axes.plot(np.nanmedian(found), k, "|", color="black", ms=16, markeredgewidth=2, label=named[1])
+        axes.set_yticks(range(len(methods)), methods)
+        axes.set(title={"waves": "waves", "free": "free gaits"}[freedom], xlim=(0, None))
+        axes.set_xlabel("steady speed (body lengths/s)")
+    panes[0].invert_yaxis()
+    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)

@@ -33,6 +33,7 @@ from jaxgrity import (
 )
 from jaxgrity.io.files import read_text
 from jaxgrity.orbits import closed_orbit, find_orbit
+from jaxgrity.report import plot
 from jaxgrity.statics import equilibrium_near, resting_shape
 from jaxgrity.stepping import resolve
 
@@ -159,7 +160,7 @@ CASES = {
 }
 
 
-@measurement(page="identification.md", quick={"robots": tuple(CASES)[:2]}, raw=("rows",))
+@measurement(page="identification.md", quick={"robots": tuple(CASES)[:2]}, raw=("rows",), drawn=("dots",))
 def leaf_gradients(out: Path, robots: tuple[str, ...] = tuple(CASES), seed: int = 1) -> Generator[Record, None, Record]:
     """A row for each array of each robot, and the worst of each robot.
 
@@ -177,7 +178,16 @@ def leaf_gradients(out: Path, robots: tuple[str, ...] = tuple(CASES), seed: int 
         rows += found
         yield from found
     measured = [name for name in CASES if any(row["robot"] == name for row in rows)]
-    return {"robots": {name: worst_of([row for row in rows if row["robot"] == name]) for name in measured}}
+    each = {name: [row for row in rows if row["robot"] == name] for name in measured}
+    return {
+        "robots": {name: worst_of(found) for name, found in each.items()},
+        "dots": {name: dots_of(found) for name, found in each.items()},
+    }
+
+
+def dots_of(rows: list[Record]) -> Record:
+    """Disagreements of the arrays that matter."""
+    return {kind: [row[kind] for row in rows if row["derivative"]] for kind in ("reverse", "differences")}
 
 
 def worst_of(rows: list[Record]) -> Record:
@@ -232,17 +242,16 @@ def leaf_name(path: str) -> str:
     return {"[1][0]": "start q", "[1][1]": "start v"}.get(path, path.removeprefix("[0]."))
 
 
-@leaf_gradients.figure(8, 3.4)
+@leaf_gradients.figure(3.6)
 def figure(record: Record, chart: Figure) -> None:
     """Disagreements, a dot for each array, a line for each robot."""
-    rows = record["rows"]
-    names = list(dict.fromkeys(row["robot"] for row in rows))
+    names = list(record["dots"])
     axes = chart.subplots()
-    for kind, colour, above in (("reverse", "C0", 0.12), ("differences", "C1", -0.12)):
-        x = [max(row[kind], 1e-17) for row in rows if row["derivative"]]
-        y = [names.index(row["robot"]) + above for row in rows if row["derivative"]]
-        label = {"reverse": "reverse mode", "differences": "central differences"}[kind]
-        axes.plot(x, y, ".", color=colour, label=label, alpha=0.7)
+    labels = {"reverse": "reverse mode", "differences": "central differences"}
+    for (kind, label), marker, above in zip(labels.items(), plot.MARKERS, (-0.15, 0.15)):
+        found = [np.maximum(each[kind], 1e-17) for each in record["dots"].values()]
+        place = [np.full(len(some), k + above) for k, some in enumerate(found)]
+        axes.plot(np.concatenate(found), np.concatenate(place), marker, markersize=4, alpha=0.6, label=label)
     axes.axvline(1e-6, color="black", linewidth=0.8, label="limit of the tests")
     axes.set(xscale="log", xlabel="relative difference from forward mode", yticks=range(len(names)), yticklabels=names)
     axes.invert_yaxis()

@@ -61,7 +61,7 @@ def options_of(command: str) -> list[str]:
 def figure(record: Record, chart: Figure) -> None:
     """Speeds of what was found beside those of the library."""
     rows = record["rows"]
-    chart.set_size_inches(5.5, 0.5 * len(rows) + 1.5)
+    chart.set_figheight(0.5 * len(rows) + 1.5)
     axes = chart.subplots()
     for k, (name, label) in enumerate((("library", "in the library"), ("found", "found again"))):
         axes.barh(np.arange(len(rows)) + 0.4 * k - 0.2, [row[name] or 0 for row in rows], height=0.35, label=label)

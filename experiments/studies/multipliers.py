@@ -27,6 +27,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.orbits import FloquetMultipliers, Orbit, find_orbit, floquet_multipliers, restarted, stability
+from jaxgrity.report import plot
 from jaxgrity.stepping import resolve
 
 FIRST = Path(__file__).with_name("first_lasting.json")
@@ -59,7 +60,7 @@ class Case(NamedTuple):
 @measurement(
     page="gait_records.md",
     quick={"duration": 80.0, "cycles": 20, "moments": 2, "robots": 2, "followed": 10, "close": 51, "finer": False},
-    raw=("curves", "map"),
+    drawn=("curves", "map"),
 )
 def multipliers(
     duration: float = 120.0,
@@ -95,7 +96,7 @@ def multipliers(
             row["curves"] = curves.tolist()
             row["disturbed"] = {f"{size:g}": float(curve[-1]) for size, curve in zip(SIZES, curves)}
         if case.gait != "straight" and case.part in (1, 4):
-            row["map"] = [part.tolist() for part in close_up(case.scene, orbit, options, found, close)]
+            row["map"] = close_up(case.scene, orbit, options, found, close)
         yield row
     return {"followed": followed}
 
@@ -189,10 +190,8 @@ def deviations(scene: Scene, orbit: Orbit, options: SolverOptions, robots: int, 
     return np.abs(np.array(found) - alone).max(-1)[:, :, 1:]
 
 
-def close_up(
-    scene: Scene, orbit: Orbit, options: SolverOptions, found: FloquetMultipliers, robots: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """How far robots are moved along the most unstable direction, m, and the shape's main coordinate a cycle later.
+def close_up(scene: Scene, orbit: Orbit, options: SolverOptions, found: FloquetMultipliers, robots: int) -> np.ndarray:
+    """The shape's main coordinate a cycle after robots are moved along the most unstable direction, by up to `NEAR`.
 
     That coordinate, m, is along the direction in which the shapes then differ most: how much that height or distance
     changes that changes most.
@@ -207,25 +206,26 @@ def close_up(
     ends = shapes(outcomes.positions)
     ends = ends - ends[robots // 2]
     main = np.linalg.svd(ends - ends.mean(0), full_matrices=False)[2][0]
-    return moved, ends @ main * main[np.abs(main).argmax()]
+    return ends @ main * main[np.abs(main).argmax()]
 
 
-@multipliers.figure()
+@multipliers.figure(7.5)
 def figure(record: Record, chart: Figure) -> None:
     """Deviations over cycles, and the map over a cycle, close up; by gait and part of the step."""
-    own = [row for row in record["rows"] if "curves" in row and row["part"] == 1]
+    own = [row for row in record["rows"] if row["contact"] == "exact" and row["part"] == 1]
+    curves = [row["curves"] for row in own]
     mapped = [row for row in record["rows"] if "map" in row]
-    chart.set_size_inches(3.6 + 3.7 * len(mapped), 4.4)
-    first, *others = chart.subplots(1, 1 + len(mapped))
-    for row, style, place in zip(own, ("--", "-"), (0, len(SIZES)), strict=True):
-        for k, (size, curve) in enumerate(zip(SIZES, row["curves"], strict=True)):
+    above, *others = chart.subplot_mosaic([["above"] * len(mapped), [str(k) for k in range(len(mapped))]]).values()
+    for row, each, first in zip(own, curves, (0, len(SIZES)), strict=True):
+        for k, (size, curve) in enumerate(zip(SIZES, each, strict=True), first):
+            look = {"color": f"C{k}", "marker": plot.MARKERS[k], "markevery": 4, "markersize": 5}
             middle = 1e3 * np.maximum(curve, 1e-13)
-            label = f"{row['gait']}, {size:g} m/s"
-            first.semilogy(np.arange(1, len(middle) + 1), middle, style, color=f"C{place + k}", label=label)
-    first.set(xlabel="cycles since the disturbance", ylabel="shape differs by (mm)", title="disturbed robots")
-    chart.legend(*first.get_legend_handles_labels(), loc="outside lower center", ncols=len(own))
+            above.semilogy(np.arange(1, len(middle) + 1), middle, **look, label=f"{row['gait']}, {1e3 * size:g} mm/s")
+    above.set(xlabel="cycles since the disturbance", ylabel="difference of shape (mm)")
+    title = "gait and size of a random velocity that disturbs the robot"
+    above.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, title=title)
     for axes, row in zip(others, mapped, strict=True):
-        moved, after = (1e3 * np.array(part) for part in row["map"])
-        axes.plot(moved, after, ".", markersize=2)
+        after = 1e3 * np.array(row["map"])
+        axes.plot(1e3 * np.linspace(-NEAR, NEAR, len(after)), after, ".", markersize=2)
         axes.set(xlabel="moved in the unstable direction (mm)", ylabel="shape a cycle later (mm)")
         axes.set_title(f"{row['gait']}, {'own step' if row['part'] == 1 else '1/{part} of the step'.format(**row)}")

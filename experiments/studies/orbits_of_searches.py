@@ -14,6 +14,7 @@ from tqdm import tqdm
 
 from jaxgrity import Gait, Scene, SearchConfig, SolverOptions, contact_twin, load_scene, one_gait, with_gait
 from jaxgrity.orbits import find_orbit, refined_orbit
+from jaxgrity.report import plot
 from jaxgrity.search import distinct, evolve_through, fidelity_levels, ga_configs, search_problem
 from jaxgrity.stepping import default_method, default_step
 
@@ -25,10 +26,9 @@ PARTS = 1, 2, 4, 8
 """into which the default step is divided; the finest tells how far the others are off"""
 CLOSED = 1e-3
 """m: shapes of an orbit that is told to close return so closely"""
-GROUPS = {"exact": "exact contact", "penalty": "penalty contact"}
 
 
-@measurement(page="gait_records.md", quick={"searches": 2}, raw=("each",))
+@measurement(page="gait_records.md", quick={"searches": 2}, drawn=("each",))
 def orbits_of_searches(searches: int = 64) -> Iterator[Record]:
     """A row for each contact model.
 
@@ -40,7 +40,7 @@ def orbits_of_searches(searches: int = 64) -> Iterator[Record]:
     gaits = [searched(scene, seed) for seed in tqdm(seeds, desc="searching", unit="search")]
     for contact, model in (("exact", scene), ("penalty", contact_twin(scene))):
         each = [{"seed": seed, **converged(with_gait(model, gait))} for seed, gait in zip(seeds, tqdm(gaits))]
-        yield {"contact": contact, **summary(each), "each": each}
+        yield {"contact": contact, **summary(each), "each": shown([row for row in each if row["settled"]])}
 
 
 def searched(scene: Scene, seed: int) -> Gait:
@@ -85,6 +85,12 @@ def summary(here: list[Record]) -> dict[str, Any]:
     }
 
 
+def shown(settled: list[Record]) -> Record:
+    """What the figure shows of gaits that settled: how far coarser steps are off the finest, m/s, and the error bar."""
+    speeds = np.array([row["speeds"] for row in settled]).reshape(len(settled), len(PARTS))
+    return {"off": np.abs(speeds[:, :-1] - speeds[:, -1:]), "bar": [row["speed_error_bar"] for row in settled]}
+
+
 def order(speeds: np.ndarray) -> np.ndarray:
     """p of speeds v(h), v(h/2), v(h/4), ..., (gaits, steps), by log2 |v(h) - v(h/2)| / |v(h/2) - v(h/4)|."""
     changes = np.maximum(np.abs(np.diff(speeds[:, :3])), np.finfo(float).tiny)
@@ -106,27 +112,22 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@orbits_of_searches.figure(10, 4.5)
+@orbits_of_searches.figure(4.6)
 def figure(record: Record, chart: Figure) -> None:
     """By how much each speed is off, against its error bar, those below the line covered; and against the step."""
-    rows = [row | one for row in record["rows"] for one in row["each"]]
-    bars, steps = chart.subplots(1, 2)
-    for k, (contact, mark) in enumerate(zip(GROUPS, ("o", "x"), strict=True)):
-        kept = [row for row in rows if row["contact"] == contact and row["settled"]]
-        speeds = np.array([row["speeds"] for row in kept]).reshape(len(kept), len(PARTS))
-        off = np.maximum(np.abs(speeds[:, :-1] - speeds[:, -1:]), 1e-10)
-        bars.loglog([row["speed_error_bar"] for row in kept], off[:, 0], mark, label=GROUPS[contact], fillstyle="none")
-        for each in off:
-            steps.loglog(1 / np.array(PARTS[:-1]), each, color=f"C{k}", lw=0.5, alpha=0.3)
-        if kept:
-            steps.loglog(1 / np.array(PARTS[:-1]), np.median(off, axis=0), f"C{k}{mark}-", label=GROUPS[contact])
+    bars, steps = chart.subplots(1, 2, sharey=True)
+    parts = 1 / np.array(PARTS[:-1])
+    for k, (row, mark) in enumerate(zip(record["rows"], plot.MARKERS)):
+        off = np.maximum(np.reshape(row["each"]["off"], (-1, len(parts))), 1e-10)
+        bars.loglog(row["each"]["bar"], off[:, 0], mark, markersize=5, fillstyle="none")
+        steps.loglog(parts, off.T, color=f"C{k}", lw=0.5, alpha=0.3)
+        if len(off):
+            steps.loglog(parts, np.median(off, axis=0), f"C{k}{mark}-", label=f"{row['contact']} contact (median bold)")
     ends = np.array([1e-7, 1.0])
-    bars.loglog(ends, ends, "k--", lw=1, label="off by the error bar")
-    bars.set(xlabel="error bar (m/s)", ylabel=f"difference from 1/{PARTS[-1]} of the step (m/s)")
-    bars.set_title("At the default step, and the error bars")
-    steps.set(xlabel="step / default step", ylabel=f"difference from 1/{PARTS[-1]} of the step (m/s)")
-    steps.set_title("Over the step: every gait, and the median")
-    steps.set_xticks(1 / np.array(PARTS[:-1]), ["1", "1/2", "1/4"])
-    steps.minorticks_off()
-    for axes in (bars, steps):
-        axes.legend()
+    bars.loglog(ends, ends, color="black", lw=1, label="difference = error bar")
+    bars.set(xlabel="error bar (m/s)", ylabel=f"difference of speed from 1/{PARTS[-1]} of the step (m/s)")
+    bars.set_title("At the default step")
+    steps.set(xlabel="step / default step", title="At smaller steps")
+    steps.set_xticks(parts, ["1", "1/2", "1/4"])
+    steps.xaxis.set_minor_formatter("")
+    chart.legend(loc="outside lower center", ncols=3)

@@ -61,7 +61,7 @@ class Begun(NamedTuple):
 @measurement(
     page="search_records.md",
     quick={"seeds": 1, "population": 16, "generations": (2, 1), "judges": 8, "rollouts": 256, "final_robots": 8},
-    raw=("answers",),
+    drawn=("answers",),
 )
 def polish_comparison(
     seeds: int = 8,
@@ -223,7 +223,7 @@ def judgement(problem: SearchProblem, level: FidelityLevel, genes: np.ndarray, j
     return [{"fitness": float(fitness), "mean": float(mean)} for fitness, mean in zip(found.fitness, found.mean)]
 
 
-@polish_comparison.figure(6, 4.2)
+@polish_comparison.figure(4.5)
 def figure(record: Record, chart: Figure) -> None:
     """What every way gained over its start on each seed, and the medians."""
     axes, fitness = chart.subplots(), by_seed(record["answers"])

@@ -103,7 +103,7 @@ def words(record: Record) -> str:
     return table(head, rows)
 
 
-@populations.figure(10, 4)
+@populations.figure(4)
 def figure(record: Record, chart: Figure) -> None:
     """Cost per gait and simulated second against the size of the population; dashed: the other machine's."""
     for axes, method in zip(chart.subplots(1, 2, sharey=True, squeeze=False)[0], METHODS):
@@ -114,6 +114,5 @@ def figure(record: Record, chart: Figure) -> None:
                 label = f"{dtype}, {machine['device']}"
                 axes.loglog([row["gaits"] for row in rows], each, style, color=colour, label=label)
         axes.set(xlabel="gaits", title=method)
-        axes.grid(alpha=0.3, which="both")
     chart.legend(*chart.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     chart.axes[0].set_ylabel("µs per gait and simulated second")

@@ -58,7 +58,7 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@predictive_speed.figure(5, 3)
+@predictive_speed.figure(4)
 def figure(record: Record, chart: Figure) -> None:
     """How much faster than the robot the controller is, against the samples of a choice."""
     rows = record["rows"]

@@ -50,7 +50,8 @@ Redrawn = tuple[np.ndarray, np.ndarray, float]
 @measurement(
     page="search_records.md",
     quick={"draws": 4, "robots": 8, "duration": 8.0, "contacts": ("exact",)},
-    raw=("off", "duration"),
+    raw=("duration",),
+    drawn=("off",),
 )
 def redraws(
     gaits: tuple[str, str] = ("straight", "lasting"),
@@ -164,14 +165,19 @@ def said(rows: list[Record]) -> dict[str, str]:
 def figure(record: Record, chart: Figure) -> None:
     """By how much each draw is off, in ranges: within -1 and 1 a range covers."""
     written = said(record["rows"])
-    errors = {f"{written[row['statistic']]}, {row['contact']}": np.asarray(row["off"]) for row in record["rows"]}
-    chart.set_size_inches(8, 0.5 * len(errors) + 1.5)
+    names, contacts = (list(dict.fromkeys(row[key] for row in record["rows"])) for key in ("statistic", "contact"))
+    chart.set_figheight(0.55 * len(names) + 1.2)
     axes = chart.subplots()
-    for k, off in enumerate(errors.values()):
-        axes.plot(off, np.full(off.shape, k), "o", color=plot.PATH, alpha=0.5, markersize=4)
-    axes.axvspan(-1, 1, color=plot.GROUND, alpha=0.5, lw=0)
+    axes.axvspan(-1, 1, color=plot.GROUND, alpha=0.5, lw=0, label="± covers the error")
+    for k, (contact, marker) in enumerate(zip(contacts, plot.MARKERS)):
+        own = {row["statistic"]: np.asarray(row["off"], float) for row in record["rows"] if row["contact"] == contact}
+        place = np.concatenate([np.full(off.shape, names.index(name) + 0.3 * (k - 0.5)) for name, off in own.items()])
+        off = np.concatenate(list(own.values()))
+        axes.plot(off, place, marker, color=f"C{k}", alpha=0.4, markersize=4, label=f"{contact} contact")
     axes.set(
-        yticks=range(len(errors)),
-        yticklabels=list(errors),
-        xlabel="error of each ensemble's statistic, in half-widths of its range",
+        yticks=range(len(names)),
+        yticklabels=[written[name] for name in names],
+        xlabel="error of each draw, in multiples of its ±",
     )
+    axes.invert_yaxis()
+    chart.legend(loc="outside upper center", ncols=3)

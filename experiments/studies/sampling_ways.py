@@ -18,7 +18,7 @@ WAYS = {"at random": {"rounds": 1}, "two rounds": {"rounds": 2}, "four rounds": 
 """how samples are drawn"""
 
 
-@measurement(page="control.md", quick={"trials": 1, "patience": 2.0, "twin": False}, raw=("seconds",))
+@measurement(page="control.md", quick={"trials": 1, "patience": 2.0, "twin": False}, drawn=("seconds",))
 def sampling_ways(
     trials: int = 20,
     samples: int = 64,
@@ -78,11 +78,13 @@ def written(row: Record) -> str:
 def figure(record: Record, chart: Figure) -> None:
     """Times of all trials for each way."""
     rows = record["rows"]
-    chart.set_size_inches(6, 0.45 * len(rows) + 1.2)
+    chart.set_figheight(0.45 * len(rows) + 1.4)
     axes = chart.subplots()
     for place, row in enumerate(rows):
-        axes.plot(row["seconds"], place + 0 * np.array(row["seconds"]), "o", markersize=4, alpha=0.6)
-        axes.plot(np.mean(row["seconds"]), place, "|", color="black", markersize=16)
+        seconds, named = np.array(row["seconds"]), ("a trial", "mean of the trials") if place == 0 else (None, None)
+        axes.plot(seconds, place + 0 * seconds, "o", color="C0", markersize=5, alpha=0.5, label=named[0])
+        axes.plot(seconds.mean(), place, "|", color="black", markersize=16, markeredgewidth=2, label=named[1])
     axes.set_yticks(range(len(rows)), [written(row) for row in rows])
     axes.set(xlabel="time to the goal (s)")
     axes.invert_yaxis()
+    chart.legend(loc="outside upper center", ncols=2)

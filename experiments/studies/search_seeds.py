@@ -68,7 +68,7 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@search_seeds.figure(6, 3.4)
+@search_seeds.figure(4)
 def figure(record: Record, chart: Figure) -> None:
     """Speeds of the orbit and of perturbed robots, with their standard deviations."""
     axes, rows = chart.subplots(), [row for row in record["rows"] if row["speed"] is not None]

@@ -25,6 +25,7 @@ from jaxgrity.control import Environment, Learner, LearningConfig, environment, 
 from jaxgrity.control.learned import Learned, standardised
 from jaxgrity.control.ppo import AXIS, Tried, advantages, optimiser, with_observations
 from jaxgrity.io.files import read_text
+from jaxgrity.report import plot
 
 PPO, SHAC = "PPO", "short-horizon"
 CONTACTS = {"exact": 0.01, "penalty": 0.001}
@@ -263,16 +264,17 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@short_horizon.figure(7, 3.5)
+@short_horizon.figure(4.2)
 def figure(record: Record, chart: Figure) -> None:
     """Progress of the policies that are tried, against processor time, for each contact model."""
     contacts = list(dict.fromkeys(row["contact"] for row in record["rows"]))
     for axes, contact in zip(np.ravel(chart.subplots(1, len(contacts), sharey=True, squeeze=False)), contacts):
-        for row in (row for row in record["rows"] if row["contact"] == contact):
+        mine = (row for row in record["rows"] if row["contact"] == contact)
+        for row, marker in zip(mine, plot.MARKERS):
             time, progress = np.array(row["curve"]).T
-            style = "-" if row["method"] == PPO else "--"
-            axes.plot(time, progress, style, label=f"{row['method']}, {row['robots']} robots, seed {row['seed']}")
+            look = {"marker": marker, "markevery": 0.1, "markersize": 5}
+            axes.plot(time, progress, **look, label=f"{row['method']}, {row['robots']} robots, seed {row['seed']}")
         axes.set(title=f"{contact} contact", xlabel="processor time (s)")
         axes.set_xlim(0, None)
-        axes.legend()
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.08), ncols=2)
     chart.axes[0].set_ylabel("progress with exploration (m/s)")

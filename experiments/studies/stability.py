@@ -10,14 +10,15 @@ from itertools import product
 import numpy as np
 from measurements.measured_limits import at_rest, measure
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import columns, table
+from measurements.pages import by_name, columns, table
 from tqdm import tqdm
 
 from jaxgrity import METHODS, Scene, load_scene, parse_scene, stable_step
+from jaxgrity.report import plot
 from jaxgrity.stepping import step_limit
 
 
-@measurement(page="accuracy.md", quick={"scenes": 4}, raw=("rows",))
+@measurement(page="accuracy.md", quick={"scenes": 4}, raw=("rows",), drawn=("steps",))
 def stability(scenes: int = 20, seed: int = 0) -> Record:
     """How far each method's measured limits are off, and what sets those of known scenes.
 
@@ -41,7 +42,9 @@ def stability(scenes: int = 20, seed: int = 0) -> Record:
         name: float(np.max(np.abs([row["ratio"] - 1 for row in rows if row["method"] == name])))
         for name in dict.fromkeys(row["method"] for row in rows)
     }
-    return {"scenes": scenes, "worst": worst, "limits": known_limits(), "rows": rows}
+    return {"scenes": scenes, "worst": worst, "limits": known_limits(), "rows": rows} | {
+        "steps": by_name(rows, "method", "predicted", "measured")
+    }
 
 
 def known_limits() -> list[dict]:
@@ -92,16 +95,16 @@ def words(record: Record) -> str:
     return worst + "\n\n" + columns(record["limits"], cells)
 
 
-@stability.figure(5.5, 5)
+@stability.figure(4.5)
 def figure(record: Record, chart: Figure) -> None:
-    """Measured against predicted, a colour for each method."""
-    rows = record["rows"]
-    axes = chart.subplots()
-    for name in dict.fromkeys(row["method"] for row in rows):
-        mine = [row for row in rows if row["method"] == name]
-        axes.loglog([r["predicted"] for r in mine], [r["measured"] for r in mine], "o", alpha=0.6, label=name)
-    ends = np.array([min(r["predicted"] for r in rows), max(r["predicted"] for r in rows)])
-    axes.loglog(ends, ends, "k-", lw=0.8, label="equal")
-    axes.fill_between(ends, 0.9 * ends, 1.1 * ends, color="k", alpha=0.1, label="within 10 %")
-    axes.set(xlabel="predicted largest stable step (s)", ylabel="smallest step that diverges (s)")
-    axes.legend()
+    """Measured against predicted, a colour and a marker for each method."""
+    axes, steps = chart.subplots(), record["steps"]
+    predicted, measured = (1e3 * np.array(steps[name]) for name in ("predicted", "measured"))
+    for name, marker in zip(dict.fromkeys(steps["method"]), plot.MARKERS):
+        mine = np.array(steps["method"]) == name
+        axes.loglog(predicted[mine], measured[mine], marker, alpha=0.7, label=name)
+    ends = np.array([predicted.min(), predicted.max()])
+    axes.loglog(ends, ends, color="black", lw=0.8, label="equal")
+    axes.fill_between(ends, 0.9 * ends, 1.1 * ends, color="black", alpha=0.1, label="within 10 %")
+    axes.set(xlabel="predicted largest stable step (ms)", ylabel="smallest step that diverges (ms)")
+    chart.legend(loc="outside right upper")

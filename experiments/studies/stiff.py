@@ -87,17 +87,16 @@ def words(record: Record) -> str:
     )
 
 
-@stiff.figure()
+@stiff.figure(4)
 def figure(record: Record, chart: Figure) -> None:
     """Steps, rejected ones included, a panel for each tolerance."""
     rows = record["rows"]
     tolerances = list(dict.fromkeys(row["tolerance"] for row in rows))
     scenes = list(dict.fromkeys(row["scene"] for row in rows))
-    chart.set_size_inches(5 * len(tolerances), 4)
     for axes, tolerance in zip(np.atleast_1d(chart.subplots(1, len(tolerances), sharey=True)), tolerances):
         for k, method in enumerate(METHODS):
             mine = [row for row in rows if row["method"] == method and row["tolerance"] == tolerance]
             axes.bar(np.arange(len(scenes)) + 0.27 * k, [r["steps"] + r["rejected"] for r in mine], 0.25, label=method)
-        axes.set_xticks(np.arange(len(scenes)) + 0.27, scenes)
+        axes.set_xticks(np.arange(len(scenes)) + 0.27, scenes, rotation=30)
         axes.set(yscale="log", ylabel="steps, accepted and rejected", title=f"tolerance {tolerance:g}")
     chart.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=len(METHODS))

@@ -261,7 +261,7 @@ def predicted(env: Environment, training: Training, led: int) -> np.ndarray:
 def figure(record: Record, chart: Figure) -> None:
     """Progress of each controller in each task."""
     rows = record["rows"]
-    chart.set_size_inches(6, 0.75 * len(rows) + 1.4)
+    chart.set_figheight(0.75 * len(rows) + 1.4)
     axes = chart.subplots()
     names = (OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE, LEARNED)
     for k, name in enumerate(names):

@@ -23,7 +23,7 @@ Ends = Callable[[np.ndarray, float], np.ndarray]
 @measurement(
     page="gait_records.md",
     quick={"robots": 2, "settled": 5.0, "duration": 10.0, "mujoco": False},
-    raw=("speeds",),
+    drawn=("speeds",),
 )
 def third_opinions(
     robots: int = 16,
@@ -101,7 +101,7 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@third_opinions.figure(7, 3.4)
+@third_opinions.figure(3.6)
 def figure(record: Record, chart: Figure) -> None:
     """The speed of each robot on each engine."""
     speeds = {row["engine"]: np.asarray(row["speeds"]) for row in record["rows"]}

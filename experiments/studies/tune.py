@@ -15,11 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from measurements.driven import ENOUGH, PART, dropped_loop, drops
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import table
+from measurements.pages import by_name, table
 from tqdm import tqdm
 
 from jaxgrity import Differences, SolverOptions, as_dtype, gait_record, load_gait, load_scene
 from jaxgrity.control import PhaseLocked, Plant, Task, drive, ground_of, plant_of, side_by_side, sure_footed
+from jaxgrity.report import plot
 
 GAIT = "lasting"
 BUMPS, FAR = 0.02, 30.0
@@ -49,7 +50,12 @@ class Search(NamedTuple):
     """controllers that are compared with what is found"""
 
 
-@measurement(page="control.md", quick={"generations": 2, "candidates": 6, "robots": 2, "judged": 2}, raw=("rows",))
+@measurement(
+    page="control.md",
+    quick={"generations": 2, "candidates": 6, "robots": 2, "judged": 2},
+    raw=("rows",),
+    drawn=("worth",),
+)
 def tune(
     what: Literal["feedback", "on bumps"],
     generations: int | None = None,
@@ -70,7 +76,11 @@ def tune(
     """
     search = search_for(what)
     found, rows = tuned(search, generations or search.generations, candidates, robots, seed)
-    return {"rows": rows, "judged": judgement(search.known | {"found by this run": found}, judged)}
+    return {
+        "rows": rows,
+        "worth": by_name(rows),
+        "judged": judgement(search.known | {"found by this run": found}, judged),
+    }
 
 
 def search_for(what: str) -> Search:
@@ -102,7 +112,7 @@ def tuned(
         tried[0], tried[1] = search.start, mean
         worth = search.worth(dropped(search.plant, tried, robots, 1000 * (seed + 1) + number))
         best = np.argsort(-worth)[:BEST]
-        rows.append({"start": worth[0], "mean": worth[1], "best": worth[best[0]], "numbers": mean})
+        rows.append({"start": worth[0], "mean": worth[1], "best": worth[best[0]]})
         mean = (1 - MOVED) * mean + MOVED * tried[best].mean(0)
         spread = (1 - MOVED) * spread + MOVED * tried[best].std(0) + LEAST_SPREAD * (search.spread > 0)
     return mean, rows
@@ -184,16 +194,14 @@ def words(record: Record) -> str:
     return table(["feedback", *differ, "level ground", "bumps of 2 cm"], rows)
 
 
-@tune.figure(5, 3.2)
+@tune.figure(4)
 def figure(record: Record, chart: Figure) -> None:
-    """Fitness of the best, the mean and the start in each generation."""
+    """What the best, the mean and the start are worth in each generation."""
     axes = chart.subplots()
-    for name, label in (
-        ("best", "best candidate"),
-        ("mean", "mean of the distribution"),
-        ("start", "start of the search"),
-    ):
-        axes.plot([row[name] for row in record["rows"]], label=label)
-    axes.set(xlabel="generation", ylabel="fitness (m/s)", ylim=(0, None))
+    labels = {"best": "best candidate", "mean": "mean of the candidates", "start": "where it began"}
+    for (name, label), marker in zip(labels.items(), plot.MARKERS):
+        found = record["worth"][name]
+        axes.plot(np.arange(1, len(found) + 1), found, f"{marker}-", markersize=5, label=label)
+    axes.set(xlabel="generation", ylabel="worth (m/s)", ylim=(0, None))
     axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.legend()
+    chart.legend(loc="outside upper center", ncols=3)

@@ -23,14 +23,16 @@ from jaxgrity.report.robot_plot import (
     structure_figure,
 )
 from jaxgrity.report.statics_plot import geometry_figure, resting_force_figure
-from jaxgrity.report.style import CABLE, GROUND, PATH, STRUT, styled
+from jaxgrity.report.style import CABLE, GROUND, MARKERS, PATH, STRUT, WIDTH, styled
 from jaxgrity.search.genetic_algorithm import Evolution
 
 __all__ = [
     "CABLE",
     "GROUND",
+    "MARKERS",
     "PATH",
     "STRUT",
+    "WIDTH",
     "convergence_figure",
     "draw_robot",
     "drawn",
@@ -96,7 +98,7 @@ def convergence_figure(searches: list[Evolution], names: tuple[str, ...] = (), u
     rollouts = sum(search.rollouts for search in searches)
     title = f"{rollouts} rollouts; each by the draws that chose it, on fresh ones the best is worth less"
     axes.set(xlabel="generation", ylabel=_in("fitness", unit))
-    axes.set_title(title, fontsize=10.5)
+    axes.set_title(title)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if any((search.within == 0).any() for search in searches):
         axes.plot([], [], "o", markersize=3, color=STRUT, markerfacecolor="white", label="every gait beyond a bound")
@@ -152,7 +154,7 @@ def fidelity_figure(
     beyond = np.isnan(fitness).any(0)
     fitness = np.where(beyond, np.nan, fitness)
     if beyond.any():
-        figure.supxlabel(f"{beyond.sum()} gaits beyond the actuators' bounds are not shown", fontsize=10.5)
+        figure.supxlabel(f"{beyond.sum()} gaits beyond the actuators' bounds are not shown")
     for k, axes in enumerate(figure.subplots(1, len(names) - 1, squeeze=False)[0]):
         axes.plot(fitness[-1, evolved:], fitness[k, evolved:], "o", color=CABLE, alpha=0.7, label="random gaits")
         axes.plot(fitness[-1, :evolved], fitness[k, :evolved], "o", color=PATH, alpha=0.7, label="evolved gaits")
@@ -163,7 +165,7 @@ def fidelity_figure(
         axes.set(xlabel=_in(names[-1], unit), ylabel=_in(names[k], unit))
         # two lines, since one of its own width would run into the next title
         known = f"rank correlation: {ranked(every[k, -1])}\namong evolved gaits: {ranked(among[k, -1])}"
-        axes.set_title(known, fontsize=10.5)
+        axes.set_title(known)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 

@@ -59,7 +59,7 @@ def resting_force_figure(report: StructureReport) -> Figure:
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(4))
         axis.labelpad = 8
-    axes.set_title("at rest" if report.at_rest else "as given: no equilibrium found", fontsize="medium")
+    axes.set_title("at rest" if report.at_rest else "as given: no equilibrium found")
     shown = ScalarMappable(norm, COLOURS)
     figure.colorbar(shown, ax=axes, label="force (N), tension positive", shrink=0.7, pad=0.1)
     bars.bar(np.arange(len(forces)), forces, color=shown.to_rgba(forces), edgecolor=CABLE, linewidth=0.4)
@@ -68,7 +68,7 @@ def resting_force_figure(report: StructureReport) -> Figure:
         bars.axvline(first - 0.5, color=CABLE, linestyle=":", label=f"struts left, cables from {first} on")
         bars.legend()
     bars.set(xlabel="member", ylabel="force (N)")
-    bars.set_title("member forces", fontsize="medium")
+    bars.set_title("member forces")
     bars.grid(visible=False, axis="x")
     return figure
 

@@ -1,6 +1,7 @@
 """What the decorator makes of a function: settings, a record that is kept row by row, and what a page quotes of it."""
 
 import json
+import struct
 from typing import Literal
 
 import pytest
@@ -9,11 +10,13 @@ from measurements import registry, update_docs
 from measurements.measurement import measurement
 from measurements.pages import columns
 
+from jaxgrity.report import plot
+
 
 def example():
-    """Squares, with an array that no page quotes."""
+    """Squares, with an array that no page quotes, and one that a figure shows."""
 
-    @measurement(page="accuracy.md", quick={"count": 2}, raw=("all",))
+    @measurement(page="accuracy.md", quick={"count": 2}, raw=("all",), drawn=("roots",))
     def squares(count: int = 3, first: float = 1.0):
         """A row for each number.
 
@@ -22,7 +25,7 @@ def example():
             first: the least of them
         """
         for k in range(count):
-            yield {"x": first + k, "square": (first + k) ** 2, "all": [0] * 9}
+            yield {"x": first + k, "square": (first + k) ** 2, "all": [0] * 9, "roots": [(first + k) ** 0.5]}
             if (first + k) == 13:
                 raise RuntimeError
         return {"count": count}
@@ -54,7 +57,8 @@ def test_a_record_has_all_rows_and_a_page_what_it_quotes(tmp_path, capsys):
     assert [row["square"] for row in record["rows"]] == [1.0, 4.0]
     assert record["count"] == 2
     assert len(record["rows"][0]["all"]) == 9
-    assert squares.quoted(record)["rows"] == [{"x": 1.0, "square": 1.0}, {"x": 2.0, "square": 4.0}]
+    kept = [{"x": 1.0, "square": 1.0, "roots": [1.0]}, {"x": 2.0, "square": 4.0, "roots": [1.414]}]
+    assert squares.quoted(record)["rows"] == kept
     table = "| x | square |\n| --- | --- |\n| 1 | 1 m |\n| 2 | 4 m |"
     assert squares.words(record).startswith(f"{table}\n\n`{record['command']}`, [measured/squares.json]")
     assert table in capsys.readouterr().out
@@ -81,10 +85,12 @@ def test_rows_alone_are_a_record(tmp_path):
 
 
 def test_a_figure_stands_beside_its_record(tmp_path):
+    """Of the width that all have, so that letters of all figures are of one size on a page."""
     squares = example()
-    squares.figure(3, 2)(lambda record, chart: chart.subplots().plot([row["x"] for row in record["rows"]]))
+    squares.figure(2)(lambda record, chart: chart.subplots().plot([row["x"] for row in record["rows"]]))
     squares.main(squares.Settings(out=tmp_path))
-    assert (tmp_path / "squares.png").stat().st_size > 100
+    width, height = struct.unpack(">II", (tmp_path / "squares.png").read_bytes()[16:24])
+    assert (width, height) == (130 * plot.WIDTH, 130 * 2)
 
 
 def test_every_measurement_has_a_table_and_names_its_page():

@@ -370,9 +370,10 @@ def test_the_lasting_gait_is_followed_from_drops_and_on_other_robots(tmp_path):
     assert jump["robust"]["mean"] > 0.01
     assert f"| 2 | {jump['robust']['mean']:.3f} (" in words("jumps", jumps)
     scans = quick("ranges", tmp_path / "ranges")
-    every = [one for row in scans["rows"] for one in row["scan"]]
+    scanned = [[row["scan"][name] for name in ("slowest", "mean", "fastest")] for row in scans["rows"]]
+    every = [one for three in scanned for one in zip(*three)]
     assert len(every) == 3 * len(scans["rows"])
-    assert all(one["mean"] is None or one["slowest"] <= one["mean"] <= one["fastest"] for one in every)
+    assert all(mean is None or slowest <= mean <= fastest for slowest, mean, fastest in every)
 
 
 @pytest.mark.campaign

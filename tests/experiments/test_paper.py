@@ -8,7 +8,7 @@ from pathlib import Path
 
 import paper
 import pytest
-from measurements.pages import filled
+from measurements.pages import filled, save_compact
 from paper import CLAIMS, check
 from paper_claims.penalty import half_millimetre_row
 from paper_claims.report import CONDITIONAL, FAILS, HOLDS
@@ -77,6 +77,22 @@ def test_the_page_is_written_anew_from_its_file(tmp_path):
         (tmp_path / "paper.md").write_text(before, encoding="utf-8")
         paper.main(paper.Settings(docs=tmp_path, page_only=True))
         assert (tmp_path / "paper.md").read_text(encoding="utf-8") == page
+
+
+def test_a_figure_is_drawn_anew_from_its_record(tmp_path):
+    """One that keeps less is refused, with what to do."""
+    claim = {"number": CLAIMS.index("future") + 1, "figures": ["paper_future.png"]}
+    for folder in ("measured", "images"):
+        (tmp_path / folder).mkdir()
+    again = paper.Settings(docs=tmp_path, redraw=(claim["number"],))
+    save_compact(tmp_path / "measured" / "paper.json", {"claims": [claim]})
+    with pytest.raises(InputError, match=r"redraw = 13: .*holds less than the figure shows; measure again"):
+        paper.main(again)
+    save_compact(
+        tmp_path / "measured" / "paper.json", {"claims": [claim | {"drawn": {"moved": [[1.0, 0.5], [0.2, 0]]}}]}
+    )
+    paper.main(again)
+    assert (tmp_path / "images" / "paper_future.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_the_style_is_the_functions_own(motion):
         figure = plot.path_figure(*motion)
         assert matplotlib.rcParams["font.size"] == 30
     assert all(axes.xaxis.get_gridlines()[0].get_visible() for axes in figure.axes)
-    assert figure.axes[0].xaxis.label.get_fontsize() == 11
+    assert figure.axes[0].xaxis.label.get_fontsize() == 10
 
 
 def test_energies_add_up_to_what_was_put_in(motion):
