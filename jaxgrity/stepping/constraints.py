@@ -124,10 +124,11 @@ def _push(scene: Scene, layout: Blocks, group: tuple[int, ...], directions: Memb
 
 def trials_of(scene: Scene, w: NodeVectors) -> Trials:
     """The state before the first sweep: velocities `w`, m/s, and no impulses of the ground."""
+    # z = p - w (`ground_response.py`), and p = 0 so far
     return tuple(part * -1 for part in blocks_of(scene).split(w, exact_ground(scene)))
 
 
-def pushed(scene: Scene, trials: Trials, change: NodeVectors) -> Trials:
+def with_change(scene: Scene, trials: Trials, change: NodeVectors) -> Trials:
     """The state with `change`, m/s, added to the velocities by another cause than the ground."""
     changes = blocks_of(scene).split(change, exact_ground(scene))
     return tuple(trial - one for trial, one in zip(trials, changes))
