@@ -2,6 +2,7 @@ from .checkpoint import Checkpoint, load_states, open_checkpoint
 from .climb import ClimbStep
 from .fidelity import (
     FidelityLevel,
+    FidelityLevels,
     Verdict,
     evolve_through,
     fidelity_levels,
@@ -12,7 +13,7 @@ from .fidelity import (
 )
 from .genetic_algorithm import EvolutionState, Generation, distinct
 from .gradients import checkpointed_end, distance_and_gradient, distances
-from .judging import Judging, Scores, influences, judge, standard_error, with_robots, without_measuring
+from .judging import Judging, Scores, influences, judge, standard_error, with_robots, without_force_bounds
 from .models import Model, model_of, rough_step
 from .motions import RobotMotions, robot_motions
 from .objectives import OBJECTIVES, JumpHeight, find_objective
@@ -30,6 +31,7 @@ __all__ = [
     "ClimbStep",
     "EvolutionState",
     "FidelityLevel",
+    "FidelityLevels",
     "Generation",
     "Judging",
     "JumpHeight",
@@ -67,5 +69,5 @@ __all__ = [
     "search_problem",
     "standard_error",
     "with_robots",
-    "without_measuring",
+    "without_force_bounds",
 ]

@@ -91,7 +91,7 @@ def with_robots(fitness: Fitness, robots: int) -> Fitness:
 
 
 @typed
-def without_measuring(fitness: Fitness) -> Fitness:
+def without_force_bounds(fitness: Fitness) -> Fitness:
     """The same fitness without bounds on force and power, whose measurement multiplies the cost of rollouts."""
     bounds = ActuatorBounds(rate=fitness.bounds.rate)
     return Fitness(fitness.objective, fitness.uncertainty, fitness.robots, fitness.caution, bounds)

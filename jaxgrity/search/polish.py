@@ -43,7 +43,7 @@ from jaxgrity.search.judging import (
     judge_until,
     standard_error,
     with_robots,
-    without_measuring,
+    without_force_bounds,
 )
 from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient, share_simulated
 from jaxgrity.search.polish_orbit import climb_on_orbit
@@ -230,10 +230,10 @@ def _climb_all(
     on_step: Callable | None,
 ) -> tuple[Climb, int]:
     """The climb that ended best, and the cost of all climbs."""
-    scene, fitness = as_dtype(problem.scene, options.dtype), without_measuring(problem.fitness)
+    scene, fitness = as_dtype(problem.scene, options.dtype), without_force_bounds(problem.fitness)
     judging = problem.judging(options)
-    rolled, unmeasured = problem._replace(scene=scene, fitness=fitness), judging._replace(fitness=fitness)
-    task = ClimbTask(rolled, options, unmeasured, np.asarray(config.width, options.dtype))
+    rolled, judging_climbs = problem._replace(scene=scene, fitness=fitness), judging._replace(fitness=fitness)
+    task = ClimbTask(rolled, options, judging_climbs, np.asarray(config.width, options.dtype))
     duration = problem.duration
     costs = [cost_of_gradient(config, fitness, route.kind, route.horizon / duration) for route in routes]
     each, comparison = budget(config, fitness, costs)
@@ -242,7 +242,7 @@ def _climb_all(
         key = _key(seed, FOR_CLIMBS, number)
         if alike[0].kind == "orbit":
             own = problem._replace(fitness=fitness)
-            climbs.append(climb_on_orbit(own, options, unmeasured, config, (alike[0].genes, each), key, on_step))
+            climbs.append(climb_on_orbit(own, options, judging_climbs, config, (alike[0].genes, each), key, on_step))
         else:
             climbs += climb(task, config, alike, each, key, on_step)
     spent = sum(done.cost for done in climbs) + comparison

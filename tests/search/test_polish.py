@@ -23,7 +23,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.model.actuation import actuated_lengths, peak_rates
-from jaxgrity.search import FidelityLevel, check_polish, promotion
+from jaxgrity.search import FidelityLevel, FidelityLevels, check_polish, promotion
 from jaxgrity.search.gradients import smoothed_gradients
 from jaxgrity.search.judging import scored
 from jaxgrity.search.polish import KEPT, Polished
@@ -207,7 +207,7 @@ def test_a_polished_gait_whose_orbit_repels_is_not_kept(swimmer, monkeypatch):
     start, worth = np.zeros(2), scored(np.zeros((1, 1)), 0.0)
     promoted = promotion.Promoted(start[None], worth, np.array([0.9974]), False, None)
     better = Polished(start + 0.5, problem.genome, True, worth, worth, (), 4.0, None, 8, f"up by 0.1: {KEPT}")
-    found = promotion.kept_or_undone(problem, ActuatorBounds(), (level,) * 3, promoted, start, better)
+    found = promotion.kept_or_undone(problem, ActuatorBounds(), FidelityLevels(*(level,) * 4), promoted, start, better)
     np.testing.assert_array_equal(found.genes, start)
     said = "its orbit multiplies a disturbance in one cycle by 1.6, not 0.997"
     assert found.reason == f"up by 0.1; but {said}: the gait is kept as it was"
@@ -228,7 +228,9 @@ def test_polish_leads_no_further_beyond_a_bound(swimmer, monkeypatch, excess, sa
     start, worth = np.zeros(2), scored(np.zeros((1, 1)), 0.0)
     promoted = promotion.Promoted(start[None], worth, None, excess[0] == 0, None)
     better = Polished(start + 0.5, problem.genome, True, worth, worth, (), 4.0, None, 8, f"up by 0.1: {KEPT}")
-    found = promotion.kept_or_undone(problem, ActuatorBounds(force=1.0), (level,) * 3, promoted, start, better)
+    found = promotion.kept_or_undone(
+        problem, ActuatorBounds(force=1.0), FidelityLevels(*(level,) * 4), promoted, start, better
+    )
     assert found.improved is (said is None)
     if said:
         assert found.reason == f"up by 0.1; but {said}: the gait is kept as it was"
