@@ -27,8 +27,8 @@ from jaxgrity.search.fidelity import (
 from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem
 from jaxgrity.search.judging import without_force_bounds
 from jaxgrity.search.objectives import ActuatorBounds
-from jaxgrity.search.polish import Polished, polish
-from jaxgrity.search.promotion import Promoted, kept_or_undone, promote
+from jaxgrity.search.polish import Polished, kept_or_undone, polish
+from jaxgrity.search.promotion import Promoted, promote
 from jaxgrity.search.search_config import (
     SearchConfig,
     ga_configs,

@@ -1,4 +1,4 @@
-"""From the gaits that a search ends with to the one that goes on: judged on both contact models, by more robots."""
+"""From the gaits that an evolution ends with to the one that goes on: judged on both contact models, by more robots."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -18,7 +18,6 @@ from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem, distinct
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import Scores, judge
 from jaxgrity.search.objectives import ActuatorBounds
-from jaxgrity.search.polish import AS_IT_WAS, KEPT, Polished
 from jaxgrity.search.search_config import COMPARED, SearchConfig
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
@@ -137,32 +136,3 @@ def _finals(problem: SearchProblem, level: FidelityLevel, genes: Genes, config: 
     robots = config.robots * (FINALIST_ROBOTS if config.robots > 1 else 1)
     judging = level.judging(problem.duration, problem.fitness).with_robots(robots)
     return judge(jax.random.key(config.seed + 3), judging, problem.genome.gaits(problem.scene.gait, genes))
-
-
-def kept_or_undone(
-    problem: SearchProblem,
-    bounds: ActuatorBounds,
-    levels: FidelityLevels,
-    promoted: Promoted,
-    start: np.ndarray,
-    polished: Polished,
-) -> Polished:
-    """The polished gait; or its start, where polishing exceeds bounds by more, or left the start's attracting orbit.
-
-    `start` are the genes of the best promoted gait, in the polished genome.
-    """
-    if not polished.improved:
-        return polished
-    pair, before, but = np.stack([start, polished.genes]), promoted.multipliers, ""
-    least, excess = excess_at(levels.own, pair, problem, bounds)
-    if excess > least:
-        but = f"it is {'further ' if least else ''}beyond a bound on actuators"
-    elif before is not None and before[0] < 1:
-        after = multipliers_of(problem, pair[1:], 2 * levels.verification.dt)
-        if after is not None and after[0] >= 1:
-            but = f"its orbit multiplies a disturbance in one cycle by {multiplier_words(after[0])}, not "
-            but += multiplier_words(before[0])
-    if not but:
-        return polished
-    reason = f"{polished.reason.removesuffix(f': {KEPT}')}; but {but}: {AS_IT_WAS}"
-    return polished._replace(genes=start, improved=False, reason=reason)
