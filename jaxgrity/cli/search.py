@@ -8,8 +8,8 @@ from typing import Any, cast
 from jaxgrity.cli.script import command_header
 
 from jaxgrity.cli.progress import Bars
+from jaxgrity.cli.scenes import scene_name
 from jaxgrity.cli.settings import ObjectiveSettings, SearchSettings
-from jaxgrity.cli.simulate import scene_name
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.scene_files import load_scene
 from jaxgrity.model.scene import Scene

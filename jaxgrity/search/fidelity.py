@@ -17,7 +17,7 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.contact_twin import contact_twin, exact_twin, is_exact
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.population import as_population
-from jaxgrity.search.genetic_algorithm import Evolution, EvolutionState, GAConfig, SearchProblem, begin, evolve_on
+from jaxgrity.search.genetic_algorithm import Evolution, EvolutionState, GAConfig, SearchProblem, begin, evolve
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import (
     ROUND,
@@ -138,8 +138,9 @@ def evolve_through(
     states: tuple[EvolutionState, ...] = (),
     on_generation: Callable[[int, EvolutionState], None] | None = None,
 ) -> list[Evolution]:
-    """Evolve on each of the levels in turn, and carry the best over to the next; returns the evolution on each.
+    """Evolve on the own model of each level in turn, and carry the best over to the next.
 
+    Returns the evolution on each.
     With `states` interrupted ones continue. `on_generation` is called with an evolution's number and its state. Raises
     `InputError` for a population larger than the one before.
     """
@@ -153,8 +154,8 @@ def evolve_through(
             state = state._replace(genes=found[-1].last.genes[: config.population])
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)
         fitness = problem.fitness if level.force_bounds else without_force_bounds(problem.fitness)
-        here = level.judging(problem.duration, fitness)
-        found.append(evolve_on(here, problem.genome, config, state=state, on_generation=told))
+        here = problem._replace(scene=level.scene, fitness=fitness)
+        found.append(evolve(here, config, options=level.options, state=state, on_generation=told))
     return found
 
 
