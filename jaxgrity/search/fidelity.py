@@ -140,9 +140,8 @@ def evolve_through(
 ) -> list[Evolution]:
     """Evolve on the own model of each level in turn, and carry the best over to the next.
 
-    Returns the evolution on each.
-    With `states` interrupted ones continue. `on_generation` is called with an evolution's number and its state. Raises
-    `InputError` for a population larger than the one before.
+    Returns the evolution on each. With `states` interrupted ones continue. `on_generation` is called with an
+    evolution's number and its state. Raises `InputError` for a population larger than the one before.
     """
     sizes = [config.population for config in configs]
     if sizes != sorted(sizes, reverse=True):
