@@ -14,7 +14,7 @@ from .fidelity import (
 from .genetic_algorithm import EvolutionState, Generation, distinct
 from .gradients import checkpointed_end, distance_and_gradient, distances
 from .judging import Judging, Scores, influences, judge, standard_error, with_robots, without_force_bounds
-from .models import Model, model_of, rough_step
+from .models import RolloutModel, model_of, rough_step
 from .motions import RobotMotions, robot_motions
 from .objectives import OBJECTIVES, JumpHeight, find_objective
 from .paths import path_bend
@@ -35,12 +35,12 @@ __all__ = [
     "Generation",
     "Judging",
     "JumpHeight",
-    "Model",
     "Progress",
     "Promoted",
     "Repertoire",
     "RepertoireConfig",
     "RobotMotions",
+    "RolloutModel",
     "Scores",
     "Verdict",
     "check_polish",

@@ -68,7 +68,7 @@ class SearchResult(NamedTuple):
     problem: SearchProblem
     levels: FidelityLevels
     searches: tuple[Evolution, ...]
-    """the evolution on each fidelity level"""
+    """the evolution on each level where gaits evolve (`search_levels`)"""
     promoted: Promoted
     polished: Polished | None
     verdict: Verdict

@@ -22,7 +22,7 @@ from jaxgrity.populations.population import Outcomes
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import ensembles_rolled_out
-from jaxgrity.search.models import Model, model_of
+from jaxgrity.search.models import RolloutModel, model_of
 from jaxgrity.search.paths import parts_of, path_bend, path_size
 from jaxgrity.stepping.options import Options
 
@@ -175,7 +175,7 @@ def _varied(
     return np.asarray(genome.within(one + step + config.width * draw.normal(size=one.shape)))
 
 
-def _tried(key, problem: SearchProblem, model: Model, genes: Genes) -> _Tried:
+def _tried(key, problem: SearchProblem, model: RolloutModel, genes: Genes) -> _Tried:
     """What each gait does on its ensemble; NaN where a robot fails, or a rate is beyond its bound."""
     scene, fitness = model.scene, problem.fitness
     gaits = problem.genome.gaits(problem.scene.gait, np.asarray(genes, model.options.dtype))
