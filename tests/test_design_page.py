@@ -23,6 +23,15 @@ def test_floor_plan_is_in_the_order_of_the_layers_contract():
     assert re.findall(r"^\| \*\*(\w+)\*\* \|", PLAN, re.MULTILINE) == re.findall(r"\w+", layers)[::-1]
 
 
+def test_walks_lead_through_modules_that_define_what_they_name():
+    """Each step as `room/module.name`."""
+    steps = re.findall(r"`(\w+/\w+)\.(\w+)`", PLAN.partition("## Every module")[0])
+    assert len(steps) >= 20
+    for module, name in steps:
+        text = (ROOT / "jaxgrity" / f"{module}.py").read_text(encoding="utf-8")
+        assert re.search(rf"^(def|class) {name}\b", text, re.MULTILINE), f"{module}: {name}"
+
+
 def test_scene_file_of_the_page_loads(tmp_path):
     """With every table and key that is not a comment there."""
     (found,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib import metadata, util
 from pathlib import Path
 
-from jaxgrity.cli.script import measured
+from jaxgrity.cli.script import command_header
 
 import numpy as np
 from measurements.engines import Engine, engines, seconds_of
@@ -62,7 +62,7 @@ def main(settings: Settings) -> None:
     add_ratios(rows)
     versions = {name: metadata.version(name) for name in ("jaxgrity", "jax", "jaxlib")}
     facts = {"processor": processor(), "versions": versions, "duration": settings.duration, "rows": rows}
-    save_json(settings.out / "bench.json", {**measured(), **facts})
+    save_json(settings.out / "bench.json", {**command_header(), **facts})
     print(table(facts))
     print(f"wrote {settings.out}/bench.json ({time.perf_counter() - began:.0f} s since this command began)")
     print(
@@ -114,4 +114,4 @@ def table(facts: dict) -> str:
         "compiled (s)": "{compile_seconds:.1f}",
     }
     versions = ", ".join(f"{name} {version}" for name, version in facts["versions"].items())
-    return f"{columns(facts['rows'], cells)}\n\n{facts['processor']}, {measured()['cores']} cores; {versions}"
+    return f"{columns(facts['rows'], cells)}\n\n{facts['processor']}, {command_header()['cores']} cores; {versions}"

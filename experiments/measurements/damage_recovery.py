@@ -128,7 +128,7 @@ def recover(
     """
     (known, gait), (seed, drawn) = before, seeds
     problem = search_problem(intact, configs["wave"])._replace(scene=robot)
-    level = fidelity_levels(robot)[1]
+    level = fidelity_levels(robot).own
     which = best(level, problem, known.gaits, seed)
     chosen = [one_gait(known.gaits, k) for k in (known.names.index(gait), which)]
     for config in configs.values():
@@ -146,7 +146,8 @@ def evolved(intact: Scene, robot: Scene, config: SearchConfig, seed: int) -> Gai
         robot = of_cables(robot)
     whole = intact if config.waves == "every" else robot  # waves follow from rotations, of which damage leaves none
     problem = search_problem(whole, config)._replace(scene=robot)
-    (search,) = evolve_through(fidelity_levels(robot, unmeasured=True)[:1], problem, ga_configs(config, 1), seed=seed)
+    rough = fidelity_levels(robot, force_bounds=False).screening
+    (search,) = evolve_through((rough,), problem, ga_configs(config, 1), seed=seed)
     finalists = distinct(search.last, problem.genome, FINALISTS)
     return of_every_member(robot, problem.genome.gaits(robot.gait, finalists))
 
@@ -174,7 +175,7 @@ def measure(level: FidelityLevel, problem: SearchProblem, gaits: Gait, seed: int
     """Steady speed of each gait, body lengths/s: mean and spread over robots on the own contact model and the other."""
     rows: list[dict[str, Any]] = [{"within_bounds": bool(inside)} for inside in within_bounds(level, problem, gaits)]
     unbounded = with_fitness(problem, ROBOTS, ActuatorBounds())
-    for name, here in (("own", level), ("other", fidelity_levels(contact_twin(problem.scene))[1])):
+    for name, here in (("own", level), ("other", fidelity_levels(contact_twin(problem.scene)).own)):
         found = judge_at(here, gaits, unbounded, seed + UNSEEN)
         for row, mean, spread in zip(rows, found.mean, found.spread, strict=True):
             row[name] = {"mean": float(np.nan_to_num(mean)), "standard_deviation": float(np.nan_to_num(spread))}

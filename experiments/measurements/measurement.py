@@ -8,7 +8,7 @@ from dataclasses import field, make_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_args, get_origin
 
-from jaxgrity.cli.script import measured
+from jaxgrity.cli.script import command_header
 
 import tyro
 from matplotlib.figure import Figure
@@ -133,7 +133,7 @@ class Measurement:
 
     def _measure(self, path: Path, chosen: Record) -> None:
         found = self._function(**chosen)
-        record = measured() | (found if isinstance(found, dict) else row_by_row(found, path))
+        record = command_header() | (found if isinstance(found, dict) else row_by_row(found, path))
         save_json(path, record)
         if self.draw is not None:
             plot.save(self.draw(record), path.with_suffix(".png"))
@@ -157,7 +157,7 @@ def row_by_row(found: Generator[Record, None, Record | None], path: Path) -> Rec
 
     for row in tqdm(rest(), unit="row"):
         rows.append(row)
-        save_json(path, measured() | {"rows": rows})
+        save_json(path, command_header() | {"rows": rows})
     return {"rows": rows} | more
 
 

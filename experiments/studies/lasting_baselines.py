@@ -25,7 +25,7 @@ from jaxgrity.search import (
     judge_at,
     search_problem,
     with_robots,
-    without_measuring,
+    without_force_bounds,
 )
 
 Method = Literal["random", "CMA-ES", "GA"]
@@ -89,7 +89,7 @@ def lasting_baselines(
         genes = chosen(problem, searches[method](problem, size, DRAWS * (seed + 1)), DRAWS * (seed + 1))
         found: dict[str, tuple[np.ndarray, bool | None]] = {method: (genes, None)}
         for kind in POLISH if polish else ():
-            own, config = fidelity_levels(scene)[1].options, PolishConfig(polish, kind)
+            own, config = fidelity_levels(scene).own.options, PolishConfig(polish, kind)
             polished = polish_from(problem, genes[None], config, options=own, final_options=own, seed=seed)
             found[f"{method}, polish {kind}"] = polished.genes, polished.improved
         for name, (answer, kept) in found.items():
@@ -153,12 +153,12 @@ def polished(row: Record | None) -> str:
 def tried(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:
     """The merit of gaits by rough rollouts."""
     gaits = problem.genome.gaits(problem.scene.gait, problem.genome.within(np.asarray(genes, float)))
-    return np.asarray(judge_at(fidelity_levels(problem.scene)[0], gaits, unmeasured(problem), seed).merit)
+    return np.asarray(judge_at(fidelity_levels(problem.scene).screening, gaits, plain(problem), seed).merit)
 
 
-def unmeasured(problem: SearchProblem) -> SearchProblem:
+def plain(problem: SearchProblem) -> SearchProblem:
     """The problem without bounds on forces and powers, which rough rollouts are not measured for."""
-    return problem._replace(fitness=without_measuring(problem.fitness))
+    return problem._replace(fitness=without_force_bounds(problem.fitness))
 
 
 def first(problem: SearchProblem, size: Size, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -209,8 +209,8 @@ def genetic(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
     config = SearchConfig(population=size.population)
     count = size.gaits // size.population - DRAWN + 1
     ga: GAConfig = ga_configs(SearchConfig(population=config.population, generations=(count, 0)), 1)[0]
-    options = fidelity_levels(problem.scene)[0].options
-    return distinct(evolve(unmeasured(problem), ga, options=options, seed=seed).last, problem.genome, FINALISTS)
+    options = fidelity_levels(problem.scene).screening.options
+    return distinct(evolve(plain(problem), ga, options=options, seed=seed).last, problem.genome, FINALISTS)
 
 
 def chosen(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:
@@ -224,9 +224,9 @@ def judged(problem: SearchProblem, genes: np.ndarray, judges: int, duration: flo
     """Mean steady speed of an answer over robots on both contact models, body lengths/s, the same for all searches; not
     a number where a robot failed."""
     gaits = problem.genome.gaits(problem.scene.gait, genes[None])
-    here = problem._replace(fitness=with_robots(unmeasured(problem).fitness, judges), duration=duration)
+    here = problem._replace(fitness=with_robots(plain(problem).fitness, judges), duration=duration)
     models = {"own": problem.scene, "other": contact_twin(problem.scene)}
-    return {name: float(judge_at(fidelity_levels(each)[1], gaits, here, 0).mean[0]) for name, each in models.items()}
+    return {name: float(judge_at(fidelity_levels(each).own, gaits, here, 0).mean[0]) for name, each in models.items()}
 
 
 @lasting_baselines.figure(5)

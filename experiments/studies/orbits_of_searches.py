@@ -46,8 +46,8 @@ def orbits_of_searches(searches: int = 64) -> Iterator[Record]:
 def searched(scene: Scene, seed: int) -> Gait:
     """The best gait of a short search by rough rollouts alone, as the default search begins."""
     config = SearchConfig(population=64, generations=(5, 0))
-    problem, levels = search_problem(scene, config), fidelity_levels(scene, unmeasured=True)
-    (found,) = evolve_through(levels[:1], problem, ga_configs(config, 1), seed=seed)
+    problem, levels = search_problem(scene, config), fidelity_levels(scene, force_bounds=False)
+    (found,) = evolve_through((levels.screening,), problem, ga_configs(config, 1), seed=seed)
     return one_gait(problem.genome.gaits(scene.gait, distinct(found.last, problem.genome, 1)), 0)
 
 

@@ -36,7 +36,7 @@ from jaxgrity.search import (
     search_levels,
     search_problem,
     with_robots,
-    without_measuring,
+    without_force_bounds,
 )
 
 WAYS = ("search runs on", "search with overtones", "smoothed", "orbit")
@@ -82,32 +82,32 @@ def polish_comparison(
         final_robots: by which polish decides what it keeps
     """
     scene, answers = load_scene("exact"), []
-    other = fidelity_levels(contact_twin(scene))[1]
+    other = fidelity_levels(contact_twin(scene)).own
     config = SearchConfig(40.0, population, generations)
     problem = search_problem(scene, config)
-    plain = problem._replace(fitness=without_measuring(problem.fitness))
-    levels = fidelity_levels(scene, None, False, unmeasured=config.wide)
+    plain = problem._replace(fitness=without_force_bounds(problem.fitness))
+    levels = fidelity_levels(scene, None, False, force_bounds=not config.wide)
     searched, configs = search_levels(levels), ga_configs(config, len(search_levels(levels)))
     for seed in range(100, 100 + seeds):
         states: dict[int, EvolutionState] = {}
         searches = evolve_through(searched, plain, configs, seed=seed, on_generation=states.__setitem__)
-        start = compared(plain, levels[1], distinct(searches[-1].last, plain.genome, FINALISTS), seed)
+        start = compared(plain, levels.own, distinct(searches[-1].last, plain.genome, FINALISTS), seed)
         begun = Begun(start, states[max(states)], configs[-1])
         genome, wider = genome_to_polish(plain, start, config)
         shaped = plain._replace(genome=genome)
         found = {"start": (wider, {})}
         for way in WAYS:
             if way == "search runs on":
-                genes = genome_to_polish(plain, runs_on(plain, levels[1], begun, rollouts, seed), config)[1]
+                genes = genome_to_polish(plain, runs_on(plain, levels.own, begun, rollouts, seed), config)[1]
                 found[way] = genes, {}
             elif way == "search with overtones":
                 shaping = begun._replace(genes=wider, state=wider_state(shaped, begun.state))
-                found[way] = runs_on(shaped, levels[1], shaping, rollouts, seed), {}
+                found[way] = runs_on(shaped, levels.own, shaping, rollouts, seed), {}
             else:
                 polishing = PolishConfig(rollouts, way, final_robots=final_robots)
-                found[way] = polished(shaped, wider, polishing, (levels[0].options, levels[1].options), seed)
+                found[way] = polished(shaped, wider, polishing, (levels.screening.options, levels.own.options), seed)
         genes = np.stack([genes for genes, _ in found.values()])
-        own, others = (judgement(shaped, level, genes, judges) for level in (levels[1], other))
+        own, others = (judgement(shaped, level, genes, judges) for level in (levels.own, other))
         for (way, (each, more)), judged, there in zip(found.items(), own, others):
             answers.append({"seed": seed, "way": way, **more, "genes": each.tolist(), **judged, "other_model": there})
             yield answers[-1]

@@ -10,7 +10,7 @@ from collections.abc import Generator
 from itertools import product
 from pathlib import Path
 
-from jaxgrity.cli.script import measured
+from jaxgrity.cli.script import command_header
 
 import jax
 import numpy as np
@@ -52,7 +52,7 @@ def populations(
         yield row
     name = device.device_kind if device.platform != "cpu" else f"{len(jax.devices())} cores"
     own = {"device": name, "jax": jax.__version__, "ends": ends}
-    machines = [measured() | own | {"rows": rows}]
+    machines = [command_header() | own | {"rows": rows}]
     if beside is not None:
         machines.append(json.loads(read_text(beside)))
     other = machines[-1]["ends"]

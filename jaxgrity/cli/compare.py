@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from jaxgrity.cli.script import measured
+from jaxgrity.cli.script import command_header
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -62,7 +62,7 @@ def main(settings: CompareSettings) -> None:
         rows.append([name, *chosen, *(column(summary) for column in COLUMNS.values())])
     print(aligned(rows))
     facts = [dict(zip(rows[0], row)) for row in rows[1:]]
-    save_json(settings.out / "comparison.json", {**measured(), "runs": facts})
+    save_json(settings.out / "comparison.json", {**command_header(), "runs": facts})
     plot.save(figure(runs), settings.out / "comparison.png")
     print(f"wrote {settings.out}/")
 

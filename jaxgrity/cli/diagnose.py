@@ -1,7 +1,8 @@
 """Report how far you can trust a simulation: error bars, energy and momentum, sensitivity, penetration."""
 
+from jaxgrity.cli.scenes import chosen_scene, scene_name
 from jaxgrity.cli.settings import DiagnoseSettings
-from jaxgrity.cli.simulate import chosen_scene, diagnosed, scene_name
+from jaxgrity.cli.simulate import diagnosed
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 from jaxgrity.statics.describe import describe

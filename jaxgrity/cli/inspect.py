@@ -1,7 +1,7 @@
 """Report on a structure's statics: self-stress, mechanisms, stability, member forces and natural frequencies."""
 
+from jaxgrity.cli.scenes import scene_name
 from jaxgrity.cli.settings import InspectSettings
-from jaxgrity.cli.simulate import scene_name
 from jaxgrity.io.files import save_json
 from jaxgrity.io.scene_files import load_scene
 from jaxgrity.report import plot

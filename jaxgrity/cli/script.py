@@ -47,8 +47,8 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def measured() -> dict:
-    """The header of every measurement: its command, without folders and --resume, and the cores."""
+def command_header() -> dict:
+    """The header of every result: its command, without folders and --resume, and the cores."""
     words = [word for word in sys.argv[1:] if word not in ("--resume", "--restart")]
     for option in ("--out", "--beside"):
         if option in words:

@@ -5,11 +5,11 @@ import time
 from dataclasses import asdict
 from typing import Any, cast
 
-from jaxgrity.cli.script import measured
+from jaxgrity.cli.script import command_header
 
 from jaxgrity.cli.progress import Bars
+from jaxgrity.cli.scenes import scene_name
 from jaxgrity.cli.settings import ObjectiveSettings, SearchSettings
-from jaxgrity.cli.simulate import scene_name
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.scene_files import load_scene
 from jaxgrity.model.scene import Scene
@@ -76,7 +76,8 @@ def main(settings: SearchSettings) -> None:
     with Bars() as bars:
 
         def report(result: SearchResult) -> None:
-            origin = Origin(scene_name(settings.scene), settings.objective.kind, told(settings), measured()["command"])
+            name, command = scene_name(settings.scene), command_header()["command"]
+            origin = Origin(name, settings.objective.kind, told(settings), command)
             found.update(write_report(result, origin, settings.out, bars.show))
 
         search_gaits(

@@ -10,12 +10,11 @@ import jax
 import numpy as np
 
 from jaxgrity.cli.progress import Bars
+from jaxgrity.cli.scenes import chosen_scene, scene_name
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.core.display import finite_or, significant, with_error
 from jaxgrity.formats.trajectories import save_trajectory
 from jaxgrity.io.files import load_phases, save_json
-from jaxgrity.io.gait_library import gait_record, load_gait
-from jaxgrity.io.scene_files import load_scene
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.orbits.motion_report import MotionReport, motion_report
 from jaxgrity.populations.population import gaits_of, one_gait, simulate_population
@@ -54,23 +53,6 @@ def main(settings: SimulateSettings) -> None:
 def options_of(settings: SimulateSettings) -> SolverOptions:
     """The solver options of the settings."""
     return SolverOptions(method=settings.method, dt=settings.dt, dtype=settings.dtype, any_step=settings.any_step)
-
-
-def scene_name(scene: str) -> str:
-    """The name of a scene in results: its own, or that of its file."""
-    return Path(scene).name
-
-
-def chosen_scene(scene: str, gait: str | None) -> Scene:
-    """The scene, with a gait of the library or of a search on request."""
-    found = load_scene(scene)
-    if gait is None:
-        return found
-    found = with_gait(found, load_gait(gait))
-    home = gait_record(gait).get("scene")
-    if home is not None and Path(home).stem != Path(scene).stem:
-        print(f"note: the gait {gait} was found on the scene {home}")
-    return found
 
 
 def forget_earlier(folder: Path) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxgrity.cli.progress import Bars
+from jaxgrity.cli.scenes import chosen_scene, scene_name
 from jaxgrity.cli.settings import TrainSettings
-from jaxgrity.cli.simulate import chosen_scene, scene_name
 from jaxgrity.control import environment, episode, learn, learner, save_policy, trials
 from jaxgrity.control.environments import Environment
 from jaxgrity.control.ppo import Learner, LearningConfig

@@ -96,12 +96,12 @@ def _inverse_of_free(mass: AnyArray, free: AnyArray) -> AnyArray:
 
 def with_mobility(structure: Structure) -> Structure:
     """The structure with its `mobility`, where that is more than 1/m_i, so that steps need not compute it."""
-    return dataclasses.replace(structure, mobility=mobility(structure)) if structure.coupled else structure
+    return dataclasses.replace(structure, mobility=mobility(structure)) if structure.needs_mobility else structure
 
 
 def accelerations(structure: Structure, force: NodeVectors) -> NodeVectors:
     """M^-1 F, (nodes, 3), m/s^2, of the free coordinates; 0 along those that are fixed."""
-    if not structure.coupled:
+    if not structure.needs_mobility:
         return scale(force, 1 / structure.node_mass)
     return respond(mobility(structure) if structure.mobility is None else structure.mobility, force)
 

@@ -133,8 +133,8 @@ class Structure(eqx.Module):
         return tuple((m.mass, m.edges) for m in self.members if m.mass is not None)
 
     @property
-    def coupled(self) -> bool:
-        """Whether a force on one node accelerates others: the mass matrix is not diagonal, or a node is fixed."""
+    def needs_mobility(self) -> bool:
+        """Whether accelerations are not F_i/m_i: the mass matrix is not diagonal, or a node is fixed."""
         return bool(self.rod_masses or self.fixed or self.bodies)
 
     @property

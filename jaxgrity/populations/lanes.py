@@ -201,7 +201,7 @@ def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) 
     scene, lanes = with_scales(scene), gaits.phase.shape[-1]
     spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if x.ndim else x, scene)
     spread = differing(eqx.tree_at(lambda s: s.gait, spread, gaits, is_leaf=lambda x: x is None), differences)
-    if spread.structure.coupled:
+    if spread.structure.needs_mobility:
         response = over_lanes(mobility, (last_axes(spread.structure),))(spread.structure)
         spread = eqx.tree_at(lambda s: s.structure.mobility, spread, response, is_leaf=lambda x: x is None)
     if scene.ground is not None and scene.ground.surface is not None:

@@ -32,8 +32,8 @@ def gait_measured(
     scene, problem, steady = result.scene, result.problem, None
     duration, bounds = float(problem.duration), problem.fitness.bounds
     if problem.seeks_orbits:
-        # the last level has half of the step that was asked for, which this gait may not allow
-        step = min(2 * result.levels[-1].dt, default_step(scene, default_method(scene)))
+        # verification has half of the step that was asked for, which this gait may not allow
+        step = min(2 * result.levels.verification.dt, default_step(scene, default_method(scene)))
         asked = problem.fitness.objective
         steady = steady_facts(
             scene,

@@ -2,6 +2,7 @@ from .checkpoint import Checkpoint, load_states, open_checkpoint
 from .climb import ClimbStep
 from .fidelity import (
     FidelityLevel,
+    FidelityLevels,
     Verdict,
     evolve_through,
     fidelity_levels,
@@ -12,8 +13,8 @@ from .fidelity import (
 )
 from .genetic_algorithm import EvolutionState, Generation, distinct
 from .gradients import checkpointed_end, distance_and_gradient, distances
-from .judging import Judging, Scores, influences, judge, standard_error, with_robots, without_measuring
-from .models import Model, model_of, rough_step
+from .judging import Judging, Scores, influences, judge, standard_error, with_robots, without_force_bounds
+from .models import RolloutModel, model_of, rough_step
 from .motions import RobotMotions, robot_motions
 from .objectives import OBJECTIVES, JumpHeight, find_objective
 from .paths import path_bend
@@ -30,15 +31,16 @@ __all__ = [
     "ClimbStep",
     "EvolutionState",
     "FidelityLevel",
+    "FidelityLevels",
     "Generation",
     "Judging",
     "JumpHeight",
-    "Model",
     "Progress",
     "Promoted",
     "Repertoire",
     "RepertoireConfig",
     "RobotMotions",
+    "RolloutModel",
     "Scores",
     "Verdict",
     "check_polish",
@@ -67,5 +69,5 @@ __all__ = [
     "search_problem",
     "standard_error",
     "with_robots",
-    "without_measuring",
+    "without_force_bounds",
 ]

@@ -1,4 +1,4 @@
-"""One climb: steps of optax along estimates of the gradient, from one gait."""
+"""Climbs from the best gaits: which gradient each may use, and steps of optax along estimates of it."""
 
 import math
 from collections.abc import Callable
@@ -14,10 +14,14 @@ from jaxtyping import Float
 from jaxgrity.core.elementwise import rows_where
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scene import with_gait
 from jaxgrity.populations.population import one_gait
+from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradients
-from jaxgrity.search.polish_config import GradientKind, PolishConfig, cost_of_gradient
+from jaxgrity.search.polish_config import GradientKind, PolishConfig, cost_of_gradient, share_simulated
+from jaxgrity.stepping.options import ResolvedOptions
+from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 
 AVERAGED = 0.2
 """Share of a climb's steps, counted from its end, whose mean gait is its result: it is less noisy than a single one."""
@@ -47,6 +51,15 @@ class Route(NamedTuple):
     """s"""
 
 
+class Routes(NamedTuple):
+    """Climbs that the starts allow, and facts about them."""
+
+    routes: list[Route]
+    sensitivity: Sensitivity | None
+    """sensitivity of the first start"""
+    remarks: list[str]
+
+
 class Climb(NamedTuple):
     """The result of a climb."""
 
@@ -56,6 +69,35 @@ class Climb(NamedTuple):
     """in rollouts over the whole duration"""
     remark: str = ""
     """why it ended before its rollouts were spent"""
+
+
+def routes_from(problem: SearchProblem, genes, options: ResolvedOptions, config: PolishConfig) -> Routes:
+    """A route from each start: where gradients are pathwise, as far as its sensitivity allows."""
+    scene, genome, duration, fitness = problem
+    if config.kind not in ("pathwise", "combined"):
+        horizon = duration * share_simulated(config.kind, fitness)
+        return Routes([Route(start, config.kind, horizon) for start in genes], None, [])
+    routes, growth, refused = [], [], 0
+    gaits, bound = genome.gaits(scene.gait, genes), config.largest_sensitivity
+    for k, start in enumerate(genes):
+        gait = one_gait(gaits, k)
+        growth.append(sensitivity(with_gait(scene, gait), duration, options=options))
+        horizon = min(duration, growth[-1].horizon(bound))
+        if horizon >= one_period(gait):
+            routes.append(Route(start, config.kind, horizon))
+        else:
+            refused += 1
+            routes += [Route(start, "smoothed", duration)] if config.kind == "combined" else []
+    remarks = []
+    if refused == len(genes):
+        horizon = min(duration, growth[0].horizon(bound))
+        ends = "the rollout ends" if horizon == duration else f"|d com/d phase| passes {bound:g} m/rad"
+        remarks.append(
+            f"no pathwise gradient was used: {ends} after {horizon:.1f} s, before one period of full actuation is over"
+        )
+    elif refused:
+        remarks.append(f"{refused} of {len(genes)} starts are too sensitive for pathwise gradients")
+    return Routes(routes, growth[0], remarks)
 
 
 def climb(

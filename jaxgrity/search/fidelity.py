@@ -17,7 +17,7 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.contact_twin import contact_twin, exact_twin, is_exact
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.population import as_population
-from jaxgrity.search.genetic_algorithm import Evolution, EvolutionState, GAConfig, SearchProblem, begin, evolve_on
+from jaxgrity.search.genetic_algorithm import Evolution, EvolutionState, GAConfig, SearchProblem, begin, evolve
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import (
     ROUND,
@@ -28,7 +28,7 @@ from jaxgrity.search.judging import (
     judge_until,
     standard_error,
     with_robots,
-    without_measuring,
+    without_force_bounds,
 )
 from jaxgrity.search.models import model_of, rough_step, twin_model
 from jaxgrity.search.objectives import ActuatorBounds
@@ -53,8 +53,8 @@ class FidelityLevel(NamedTuple):
     dtype: str
     twin: Scene | None = None
     """its contact twin, where gaits are tried on both contact models"""
-    unmeasured: bool = False
-    """whether gaits are tried without bounds on forces and powers, which cost much to measure"""
+    force_bounds: bool = True
+    """whether bounds on forces and powers count there: they cost much to measure"""
 
     @property
     def options(self) -> SolverOptions:
@@ -71,10 +71,30 @@ class FidelityLevel(NamedTuple):
         return Judging((own, *twins), duration, fitness)
 
 
+class FidelityLevels(NamedTuple):
+    """The levels of a search, from rough to exact."""
+
+    screening: FidelityLevel
+    own: FidelityLevel
+    decisive: FidelityLevel
+    """that of both models, if there is one, else that of verification"""
+    verification: FidelityLevel
+
+    @property
+    def compared(self) -> tuple[FidelityLevel, ...]:
+        """Those on which the best gaits are compared; the last one decides."""
+        return self.screening, self.own, self.decisive
+
+    @property
+    def rough_own(self) -> FidelityLevel:
+        """The roughest level of the scene's own model."""
+        return self.screening if self.screening.scene is self.own.scene else self.own
+
+
 @typed
 def fidelity_levels(
-    scene: Scene, dt: float | None = None, both: bool = False, unmeasured: bool = False
-) -> tuple[FidelityLevel, ...]:
+    scene: Scene, dt: float | None = None, both: bool = False, force_bounds: bool = True
+) -> FidelityLevels:
     """The levels from rough to exact; `dt` (s) is by default the scene's own step.
 
     | level | model | step | precision | what it is for |
@@ -85,26 +105,27 @@ def fidelity_levels(
     | verification | the scene | half of its own | float64 | the choice, without `both`; step of the verdict |
 
     The verdict begins at twice the step of verification, and its ensembles are in float32 (`final_verdict`).
-    With `unmeasured`, bounds on forces and powers are left to the levels after screening.
+    Without `force_bounds`, bounds on forces and powers are left to the levels after screening.
 
     Raises `InputError` where the scene or its contact twin cannot be rolled out.
     """
     step = default_step(scene, default_method(scene)) if dt is None else dt
     exact = scene if is_exact(scene) else exact_twin(scene)
     own_step = step if is_exact(scene) else rough_step(scene, step)
-    screening = FidelityLevel("screening", exact, rough_step(exact), "float32", unmeasured=unmeasured)
+    screening = FidelityLevel("screening", exact, rough_step(exact), "float32", force_bounds=force_bounds)
     own = FidelityLevel("own model", scene, own_step, "float32")
     verification = FidelityLevel("verification", scene, step / 2, "float64")
     if not both:
-        return screening, own, verification
-    return screening, own, FidelityLevel("both models", scene, own_step, "float32", contact_twin(scene)), verification
+        return FidelityLevels(screening, own, verification, verification)
+    decisive = FidelityLevel("both models", scene, own_step, "float32", contact_twin(scene))
+    return FidelityLevels(screening, own, decisive, verification)
 
 
-def search_levels(levels: tuple[FidelityLevel, ...]) -> tuple[FidelityLevel, ...]:
-    """The levels of evolution: screening, and the own model where screening is of the contact twin, or `unmeasured`, as
-    in every wide search."""
-    alike = levels[0].scene is levels[1].scene and not levels[0].unmeasured
-    return levels[:1] if alike else levels[:2]
+def search_levels(levels: FidelityLevels) -> tuple[FidelityLevel, ...]:
+    """The levels of evolution: screening, and the own model where screening is of the contact twin, or without
+    `force_bounds`, as in every wide search."""
+    alike = levels.rough_own is levels.screening and levels.screening.force_bounds
+    return (levels.screening,) if alike else (levels.screening, levels.own)
 
 
 @typed
@@ -117,10 +138,10 @@ def evolve_through(
     states: tuple[EvolutionState, ...] = (),
     on_generation: Callable[[int, EvolutionState], None] | None = None,
 ) -> list[Evolution]:
-    """Evolve on each of the levels in turn, and carry the best over to the next; returns the evolution on each.
+    """Evolve on the own model of each level in turn, and carry the best over to the next.
 
-    With `states` interrupted ones continue. `on_generation` is called with an evolution's number and its state. Raises
-    `InputError` for a population larger than the one before.
+    Returns the evolution on each. With `states` interrupted ones continue. `on_generation` is called with an
+    evolution's number and its state. Raises `InputError` for a population larger than the one before.
     """
     sizes = [config.population for config in configs]
     if sizes != sorted(sizes, reverse=True):
@@ -131,9 +152,9 @@ def evolve_through(
         if found and number >= len(states):
             state = state._replace(genes=found[-1].last.genes[: config.population])
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)
-        fitness = without_measuring(problem.fitness) if level.unmeasured else problem.fitness
-        here = level.judging(problem.duration, fitness)
-        found.append(evolve_on(here, problem.genome, config, state=state, on_generation=told))
+        fitness = problem.fitness if level.force_bounds else without_force_bounds(problem.fitness)
+        here = problem._replace(scene=level.scene, fitness=fitness)
+        found.append(evolve(here, config, options=level.options, state=state, on_generation=told))
     return found
 
 
@@ -233,8 +254,9 @@ def final_verdict(
         return verify(scene, gaits, problem.duration, options=SolverOptions(dt=step))
 
     def judged(step: float, number: int = 0, within: ActuatorBounds = problem.fitness.bounds) -> Scores:
-        level = FidelityLevel("", scene, step, "float32").judging(problem.duration, replace(some, bounds=within))
-        return judge(jax.random.key(seed + number), level, gaits)
+        of_some = problem._replace(fitness=replace(some, bounds=within))
+        judging = of_some.judging(SolverOptions(dt=step, dtype="float32"))
+        return judge(jax.random.key(seed + number), judging, gaits)
 
     on_progress(0, 4)
     with ThreadPoolExecutor() as beside:  # one robot rolls on one core
@@ -252,8 +274,9 @@ def final_verdict(
         )
         on_progress(2, 4)
         other = contact_twin(scene)
-        level = FidelityLevel("", other, default_step(other, default_method(other)), "float32")
-        seen = judge(jax.random.key(seed), level.judging(problem.duration, some), gaits)
+        usual = SolverOptions(dt=default_step(other, default_method(other)), dtype="float32")
+        on_other = problem._replace(scene=other, fitness=some).judging(usual)
+        seen = judge(jax.random.key(seed), on_other, gaits)
         on_progress(3, 4)
         beyond = judged(step, within=bounds).beyond if bounds.needs_metrics else robust.beyond
         verified = verifying.result()

@@ -190,20 +190,7 @@ def evolve(
         >>> found.last.genes.shape, found.rollouts
         ((4, 6), 8)
     """
-    judging = problem.judging(options)
-    return evolve_on(judging, problem.genome, config or GAConfig(), seed=seed, state=state, on_generation=on_generation)
-
-
-def evolve_on(
-    judging: Judging,
-    genome: Genome,
-    config: GAConfig,
-    *,
-    seed: int = 0,
-    state: EvolutionState | None = None,
-    on_generation: Callable[[EvolutionState], None] | None = None,
-) -> Evolution:
-    """`evolve` on given models. What genes do not vary is that of the gait of the first model's scene."""
+    config, genome, judging = config or GAConfig(), problem.genome, problem.judging(options)
     state = state or begin(genome, config, seed, judging.dtype)
     while state.number < config.generations:
         state = _advance(state, judging, genome, config)

@@ -18,7 +18,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.populations.lanes import most_lanes
 from jaxgrity.populations.population import Outcomes, roll_out
 from jaxgrity.populations.uncertainty import Differences, Uncertainty, differing, ensemble
-from jaxgrity.search.models import Model
+from jaxgrity.search.models import RolloutModel
 from jaxgrity.search.objectives import ActuatorBounds, Distance, Objective
 
 SMALLEST = 128
@@ -95,7 +95,7 @@ def with_robots(fitness: Fitness, robots: int) -> Fitness:
 
 
 @typed
-def without_measuring(fitness: Fitness) -> Fitness:
+def without_force_bounds(fitness: Fitness) -> Fitness:
     """The same fitness without bounds on force and power, whose measurement multiplies the cost of rollouts."""
     bounds = ActuatorBounds(rate=fitness.bounds.rate)
     return Fitness(fitness.objective, fitness.uncertainty, fitness.robots, fitness.caution, bounds)
@@ -136,7 +136,7 @@ class Scores(NamedTuple):
 class Judging(NamedTuple):
     """Settings of an evaluation: models, duration and fitness."""
 
-    models: tuple[Model, ...]
+    models: tuple[RolloutModel, ...]
     """models on which every robot is rolled out; all of the same precision"""
     duration: float
     """simulated time, s"""
@@ -163,7 +163,7 @@ def judge(key, judging: Judging, gaits: Gait) -> Scores:
     return scored(np.mean(each, axis=0), fitness.caution, np.max(excess, axis=0))
 
 
-def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -> tuple[np.ndarray, np.ndarray]:
+def _judged(key, model: RolloutModel, gaits: Gait, duration: float, fitness: Fitness) -> tuple[np.ndarray, np.ndarray]:
     """(population, robots): objective of each robot, and its excess over the bounds."""
     rows, parts = len(gaits.phase) * fitness.rollouts, fitness.objective.parts_of(model.scene, duration)
     gaits, differences, outcomes = ensembles_rolled_out(
@@ -175,7 +175,7 @@ def _judged(key, model: Model, gaits: Gait, duration: float, fitness: Fitness) -
 
 
 def ensembles_rolled_out(
-    key, model: Model, gaits: Gait, duration: float, fitness: Fitness, parts: int, with_metrics: bool
+    key, model: RolloutModel, gaits: Gait, duration: float, fitness: Fitness, parts: int, with_metrics: bool
 ) -> tuple[Gait, Differences | None, Outcomes]:
     """Rollouts of all robots of all gaits, in the order of the gaits, with the gait and the differences of each.
 
@@ -213,7 +213,7 @@ def _worth(
     return fitness.worth(scene, gaits, outcomes, duration, differences)
 
 
-def call_size(rows: int, model: Model) -> int:
+def call_size(rows: int, model: RolloutModel) -> int:
     """Number of rollouts per call for `rows` requested ones: as many as all cores integrate side by side, or a smaller
     power of two, at least `SMALLEST`."""
     most = jax.device_count() * most_lanes(model.scene, model.options)

@@ -14,7 +14,7 @@ SCREENING_STEP = 0.01
 """Step of complementarity stepping in screening, s for a body of one metre: half of it ranks gaits the same way."""
 
 
-class Model(NamedTuple):
+class RolloutModel(NamedTuple):
     """One way to roll gaits out, as compiled functions take it."""
 
     scene: Scene
@@ -24,10 +24,10 @@ class Model(NamedTuple):
 
 
 @typed
-def model_of(scene: Scene, duration: float, options: Options = None) -> Model:
+def model_of(scene: Scene, duration: float, options: Options = None) -> RolloutModel:
     """The scene, integrated as `options` say. Raises `InputError` as `resolve` does."""
     resolved = resolve(scene, duration, options)
-    return Model(as_dtype(scene, resolved.dtype), resolved.as_inputs())
+    return RolloutModel(as_dtype(scene, resolved.dtype), resolved.as_inputs())
 
 
 @typed
@@ -42,6 +42,6 @@ def rough_step(scene: Scene, dt: float | None = None) -> float:
     return wanted if wanted <= strictest(scene, method)[0] else own
 
 
-def twin_model(twin: Scene, duration: float, dtype: str) -> Model:
+def twin_model(twin: Scene, duration: float, dtype: str) -> RolloutModel:
     """The contact twin at its `rough_step`."""
     return model_of(twin, duration, SolverOptions(dt=rough_step(twin), dtype=dtype))

@@ -17,7 +17,7 @@ from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.populations.population import one_gait
 from jaxgrity.search.checkpoint import Checkpoint, fingerprint, open_checkpoint
 from jaxgrity.search.fidelity import (
-    FidelityLevel,
+    FidelityLevels,
     Verdict,
     evolve_through,
     fidelity_levels,
@@ -25,10 +25,10 @@ from jaxgrity.search.fidelity import (
     search_levels,
 )
 from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem
-from jaxgrity.search.judging import without_measuring
+from jaxgrity.search.judging import without_force_bounds
 from jaxgrity.search.objectives import ActuatorBounds
-from jaxgrity.search.polish import Polished, polish
-from jaxgrity.search.promotion import Promoted, kept_or_undone, promote
+from jaxgrity.search.polish import Polished, kept_or_undone, polish
+from jaxgrity.search.promotion import Promoted, promote
 from jaxgrity.search.search_config import (
     SearchConfig,
     ga_configs,
@@ -66,9 +66,9 @@ class SearchResult(NamedTuple):
     """the scene with the found gait"""
     gait: Gait
     problem: SearchProblem
-    levels: tuple[FidelityLevel, ...]
+    levels: FidelityLevels
     searches: tuple[Evolution, ...]
-    """the evolution on each fidelity level"""
+    """the evolution on each level where gaits evolve (`search_levels`)"""
     promoted: Promoted
     polished: Polished | None
     verdict: Verdict
@@ -144,19 +144,19 @@ class _Search:
     """A running search, as its stages need it."""
 
     problem: SearchProblem
-    levels: tuple[FidelityLevel, ...]
+    levels: FidelityLevels
     config: SearchConfig
     checkpoint: Checkpoint | None
     tell: Listener
     seconds: dict[Stage, float]
 
     @property
-    def unmeasured(self) -> SearchProblem:
+    def without_force_bounds(self) -> SearchProblem:
         """The problem without bounds on force and power, for stages after evolution: to measure them multiplies costs.
 
         They are measured on one robot to choose a gait (`promote`, `kept_or_undone`), on many by `final_verdict`.
         """
-        return self.problem._replace(fitness=without_measuring(self.problem.fitness))
+        return self.problem._replace(fitness=without_force_bounds(self.problem.fitness))
 
     @property
     def bounds(self) -> ActuatorBounds:
@@ -178,7 +178,7 @@ def _begun(
         raise InputError("resume, restart: there is no folder to find a search in; expected folder")
     scene = with_actuated(scene, config.members)
     problem = search_problem(scene, config)
-    levels = fidelity_levels(scene, config.dt, config.both_models, unmeasured=config.wide)
+    levels = fidelity_levels(scene, config.dt, config.both_models, force_bounds=not config.wide)
     _refuse_unusable(levels, config)
     with ExitStack() as held:
         checkpoint = None
@@ -188,7 +188,7 @@ def _begun(
         yield _Search(problem, levels, config, checkpoint, listener or (lambda progress: None), {})
 
 
-def _refuse_unusable(levels: tuple[FidelityLevel, ...], config: SearchConfig) -> None:
+def _refuse_unusable(levels: FidelityLevels, config: SearchConfig) -> None:
     """Raise `InputError` where a level cannot be rolled out, as without x64 for verification, or a generation bred."""
     for level in levels:
         resolve(level.scene, config.duration, level.options)
@@ -247,13 +247,13 @@ def _promote(search: _Search, last: Evolution) -> Promoted:
     def heard(done: int, total: int, facts: dict[str, str]) -> None:
         search.tell(Progress("promoting", done, total, facts))
 
-    return promote(search.unmeasured, search.bounds, search.levels, last, search.config, heard)
+    return promote(search.without_force_bounds, search.bounds, search.levels, last, search.config, heard)
 
 
 @_timed("polishing")
 def _polish(search: _Search, promoted: Promoted) -> Polished | None:
     """The gradient stage, on the scene's own model at a rough step; start and end are compared at its own step."""
-    config, (screening, own, *_), done = search.config, search.levels, 0
+    config, levels, done = search.config, search.levels, 0
     if config.polish is None:
         return None
     search.tell(Progress("polishing", 0, None, {}))
@@ -264,18 +264,17 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         search.tell(Progress("polishing", done, None, {"fitness": step.fitness}))
 
     genome, starts = genome_to_polish(search.problem, promoted.genes, config)
-    problem = search.unmeasured._replace(genome=genome)
-    rough = screening if screening.scene is own.scene else own
+    problem = search.without_force_bounds._replace(genome=genome)
     found = polish(
         problem,
         starts,
         config.polish,
-        options=rough.options,
-        final_options=own.options,
+        options=levels.rough_own.options,
+        final_options=levels.own.options,
         seed=config.seed,
         on_step=heard,
     )
-    return kept_or_undone(problem, search.bounds, search.levels, promoted, starts[0], found)
+    return kept_or_undone(problem, search.bounds, levels, promoted, starts[0], found)
 
 
 def _best(search: _Search, promoted: Promoted, polished: Polished | None) -> Gait:
@@ -294,7 +293,8 @@ def _verify(search: _Search, gait: Gait) -> Verdict:
     def heard(done: int, total: int) -> None:
         search.tell(Progress("verifying", done, total, {}))
 
-    found, seed = with_gait(search.problem.scene, gait), search.config.seed + UNSEEN
+    problem, seed = search.without_force_bounds, search.config.seed + UNSEEN
+    found = with_gait(problem.scene, gait)
     # a stronger gait than the scene's own may need a smaller step
-    step = min(2 * search.levels[-1].dt, default_step(found, default_method(found)))
-    return final_verdict(search.unmeasured, gait, own_step=step, bounds=search.bounds, seed=seed, on_progress=heard)
+    step = min(2 * search.levels.verification.dt, default_step(found, default_method(found)))
+    return final_verdict(problem, gait, own_step=step, bounds=search.bounds, seed=seed, on_progress=heard)

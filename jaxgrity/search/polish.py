@@ -6,7 +6,7 @@ but works on any horizon. The orbit's gradient is that of the nominal robot's st
 
 Each climb gets the same share of the rollouts. Each step is a gradient that optax turns into an update (momentum, with
 a step length that falls by a cosine). Smoothed gradients are those of the fitness. Bounds on forces and powers, if
-the problem has any, count only when ends are compared (a search leaves them to `promotion.kept_or_undone`). Pathwise
+the problem has any, count only when ends are compared (a search leaves them to `kept_or_undone`). Pathwise
 and combined gradients are those of the mean objective at a horizon: the time up to which the start's sensitivity stays
 below `PolishConfig.largest_sensitivity`. The first half of the steps uses half of this horizon. If the horizon ends
 before the first period of full actuation, they are not used, and a combined polish climbs by smoothed gradients.
@@ -28,9 +28,9 @@ from jaxgrity.core.display import COVERING, significant, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
-from jaxgrity.model.scene import as_dtype, with_gait
-from jaxgrity.populations.population import one_gait
-from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, climb, one_period
+from jaxgrity.model.scene import as_dtype
+from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, Routes, climb, routes_from
+from jaxgrity.search.fidelity import FidelityLevels, excess_at
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.gradients import ClimbTask
@@ -43,12 +43,14 @@ from jaxgrity.search.judging import (
     judge_until,
     standard_error,
     with_robots,
-    without_measuring,
+    without_force_bounds,
 )
-from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient, share_simulated
+from jaxgrity.search.objectives import ActuatorBounds
+from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
 from jaxgrity.search.polish_orbit import climb_on_orbit
+from jaxgrity.search.promotion import Promoted, multiplier_words, multipliers_of
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
-from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
+from jaxgrity.trust.sensitivity import Sensitivity
 
 FOR_CLIMBS, FOR_COMPARISON, FOR_THE_END = range(3)
 """Purposes of random numbers. In one polish, no draw serves two of them."""
@@ -80,15 +82,6 @@ class Polished(NamedTuple):
     rollouts: int
     """cost of the steps, in rollouts of the whole duration, without the final comparison"""
     reason: str
-
-
-class Routes(NamedTuple):
-    """Climbs that the starts allow, and facts about them."""
-
-    routes: list[Route]
-    sensitivity: Sensitivity | None
-    """sensitivity of the first start"""
-    remarks: list[str]
 
 
 @typed
@@ -134,7 +127,7 @@ def polish(
     check_each("genes", genes, shape=(max(1, len(genes)), problem.genome.size))
     check_polish(config, problem.fitness, len(genes))
     resolved, final = _options_of_stages(problem, options, final_options)
-    found = _routes(problem, genes, resolved, config)
+    found = routes_from(problem, genes, resolved, config)
     best, spent = Climb(genes[0], (), 0), 0
     if found.routes:
         best, spent = _climb_all(problem, resolved, config, found.routes, seed, on_step)
@@ -152,6 +145,35 @@ def polish(
         rollouts=spent,
         reason="; ".join(_told(found, best, before, after, problem.fitness.caution)),
     )
+
+
+def kept_or_undone(
+    problem: SearchProblem,
+    bounds: ActuatorBounds,
+    levels: FidelityLevels,
+    promoted: Promoted,
+    start: np.ndarray,
+    polished: Polished,
+) -> Polished:
+    """The polished gait; or its start, where polishing exceeds bounds by more, or left the start's attracting orbit.
+
+    `start` are the genes of the best promoted gait, in the polished genome.
+    """
+    if not polished.improved:
+        return polished
+    pair, before, but = np.stack([start, polished.genes]), promoted.multipliers, ""
+    least, excess = excess_at(levels.own, pair, problem, bounds)
+    if excess > least:
+        but = f"it is {'further ' if least else ''}beyond a bound on actuators"
+    elif before is not None and before[0] < 1:
+        after = multipliers_of(problem, pair[1:], 2 * levels.verification.dt)
+        if after is not None and after[0] >= 1:
+            but = f"its orbit multiplies a disturbance in one cycle by {multiplier_words(after[0])}, not "
+            but += multiplier_words(before[0])
+    if not but:
+        return polished
+    reason = f"{polished.reason.removesuffix(f': {KEPT}')}; but {but}: {AS_IT_WAS}"
+    return polished._replace(genes=start, improved=False, reason=reason)
 
 
 def _options_of_stages(
@@ -192,35 +214,6 @@ def _gain(before: Scores, after: Scores, caution: float) -> str:
     return f"fitness {way} by {told}{beyond}: {outcome}"
 
 
-def _routes(problem: SearchProblem, genes, options: ResolvedOptions, config: PolishConfig) -> Routes:
-    """A route from each start: where gradients are pathwise, as far as its sensitivity allows."""
-    scene, genome, duration, fitness = problem
-    if config.kind not in ("pathwise", "combined"):
-        horizon = duration * share_simulated(config.kind, fitness)
-        return Routes([Route(start, config.kind, horizon) for start in genes], None, [])
-    routes, growth, refused = [], [], 0
-    gaits, bound = genome.gaits(scene.gait, genes), config.largest_sensitivity
-    for k, start in enumerate(genes):
-        gait = one_gait(gaits, k)
-        growth.append(sensitivity(with_gait(scene, gait), duration, options=options))
-        horizon = min(duration, growth[-1].horizon(bound))
-        if horizon >= one_period(gait):
-            routes.append(Route(start, config.kind, horizon))
-        else:
-            refused += 1
-            routes += [Route(start, "smoothed", duration)] if config.kind == "combined" else []
-    remarks = []
-    if refused == len(genes):
-        horizon = min(duration, growth[0].horizon(bound))
-        ends = "the rollout ends" if horizon == duration else f"|d com/d phase| passes {bound:g} m/rad"
-        remarks.append(
-            f"no pathwise gradient was used: {ends} after {horizon:.1f} s, before one period of full actuation is over"
-        )
-    elif refused:
-        remarks.append(f"{refused} of {len(genes)} starts are too sensitive for pathwise gradients")
-    return Routes(routes, growth[0], remarks)
-
-
 def _climb_all(
     problem: SearchProblem,
     options: ResolvedOptions,
@@ -230,10 +223,10 @@ def _climb_all(
     on_step: Callable | None,
 ) -> tuple[Climb, int]:
     """The climb that ended best, and the cost of all climbs."""
-    scene, fitness = as_dtype(problem.scene, options.dtype), without_measuring(problem.fitness)
+    scene, fitness = as_dtype(problem.scene, options.dtype), without_force_bounds(problem.fitness)
     judging = problem.judging(options)
-    rolled, unmeasured = problem._replace(scene=scene, fitness=fitness), judging._replace(fitness=fitness)
-    task = ClimbTask(rolled, options, unmeasured, np.asarray(config.width, options.dtype))
+    rolled, judging_climbs = problem._replace(scene=scene, fitness=fitness), judging._replace(fitness=fitness)
+    task = ClimbTask(rolled, options, judging_climbs, np.asarray(config.width, options.dtype))
     duration = problem.duration
     costs = [cost_of_gradient(config, fitness, route.kind, route.horizon / duration) for route in routes]
     each, comparison = budget(config, fitness, costs)
@@ -242,7 +235,7 @@ def _climb_all(
         key = _key(seed, FOR_CLIMBS, number)
         if alike[0].kind == "orbit":
             own = problem._replace(fitness=fitness)
-            climbs.append(climb_on_orbit(own, options, unmeasured, config, (alike[0].genes, each), key, on_step))
+            climbs.append(climb_on_orbit(own, options, judging_climbs, config, (alike[0].genes, each), key, on_step))
         else:
             climbs += climb(task, config, alike, each, key, on_step)
     spent = sum(done.cost for done in climbs) + comparison

@@ -1,4 +1,4 @@
-"""From the gaits that a search ends with to the one that goes on: judged on both contact models, by more robots."""
+"""From the gaits that an evolution ends with to the one that goes on: judged on both contact models, by more robots."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -13,12 +13,11 @@ from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.orbits.finding import find_orbit, shortest_watch
 from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.populations.population import one_gait
-from jaxgrity.search.fidelity import FidelityLevel, excess_at, judge_at, rank_correlation
+from jaxgrity.search.fidelity import FidelityLevel, FidelityLevels, excess_at, judge_at, rank_correlation
 from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem, distinct
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import Scores, judge
 from jaxgrity.search.objectives import ActuatorBounds
-from jaxgrity.search.polish import AS_IT_WAS, KEPT, Polished
 from jaxgrity.search.search_config import COMPARED, SearchConfig
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
@@ -61,19 +60,18 @@ class Promoted(NamedTuple):
 def promote(
     problem: SearchProblem,
     bounds: ActuatorBounds,
-    levels: tuple[FidelityLevel, ...],
+    levels: FidelityLevels,
     evolution: Evolution,
     config: SearchConfig,
     on_level: Callable[[int, int, dict[str, str]], None],
 ) -> Promoted:
     """The best gaits of an evolution.
 
-    Evolved and random gaits are judged on every level by the same draws, up to the one that tries both contact models,
-    where there is one. Finalists are the best few: least excess over bounds on the nominal robot, then most merit on
-    the last of these levels. They are judged there again by more robots, since a few do not tell how often a gait
-    fails. Where that is asked for, finalists whose orbit does not attract (a multiplier of 1 or more) come after those
-    whose orbit does. Gaits beyond a bound on actuators come last, the farther the later: bounds on forces and powers on
-    the nominal robot, the one on rates on all robots.
+    Evolved and random gaits are judged by the same draws on all `levels.compared`. Finalists are the best few: least
+    excess over bounds on the nominal robot, then most merit on the decisive level. They are judged there again by more
+    robots, since a few do not tell how often a gait fails. Where that is asked for, finalists whose orbit does not
+    attract (a multiplier of 1 or more) come after those whose orbit does. Gaits beyond a bound on actuators come last,
+    the farther the later: bounds on forces and powers on the nominal robot, the one on rates on all robots.
 
     Raises `InputError` where every rollout of the last generation failed. `on_level` gets how many levels are done, how
     many there are, and the name of the next.
@@ -84,9 +82,7 @@ def promote(
         raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
     chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, genome.size))
     gaits = genome.gaits(problem.scene.gait, np.concatenate([genes, chance]))
-    _, own, *_, verification = levels
-    decisive = next((k for k, level in enumerate(levels) if level.twin is not None), len(levels) - 1)
-    tried = levels[: decisive + 1]
+    tried = levels.compared
     scores: list[Scores] = []
     for level in tried:
         on_level(len(scores), len(tried), {"level": level.name})
@@ -94,10 +90,10 @@ def promote(
     on_level(len(tried), len(tried), {"level": "finalists"})
     first, table = len(genes), np.array([np.where(each.excess.any(1), np.nan, each.fitness) for each in scores])
     agreement = Agreement(tried, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
-    excess = excess_at(own, genes, problem, bounds)
+    excess = excess_at(levels.own, genes, problem, bounds)
     best = np.lexsort((-scores[-1].merit[:first], excess))[: max(FINALISTS, wanted)]
-    finals = _finals(problem, tried[-1], genes[best], config)
-    multipliers = multipliers_of(problem, genes[best], 2 * verification.dt) if config.attracting else None
+    finals = _finals(problem, levels.decisive, genes[best], config)
+    multipliers = multipliers_of(problem, genes[best], 2 * levels.verification.dt) if config.attracting else None
     repels = np.zeros(len(best), bool) if multipliers is None else multipliers >= 1
     order = np.lexsort((-finals.merit, repels, excess[best]))
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
@@ -140,33 +136,3 @@ def _finals(problem: SearchProblem, level: FidelityLevel, genes: Genes, config: 
     robots = config.robots * (FINALIST_ROBOTS if config.robots > 1 else 1)
     judging = level.judging(problem.duration, problem.fitness).with_robots(robots)
     return judge(jax.random.key(config.seed + 3), judging, problem.genome.gaits(problem.scene.gait, genes))
-
-
-def kept_or_undone(
-    problem: SearchProblem,
-    bounds: ActuatorBounds,
-    levels: tuple[FidelityLevel, ...],
-    promoted: Promoted,
-    start: np.ndarray,
-    polished: Polished,
-) -> Polished:
-    """The polished gait; or its start, where polishing exceeds bounds by more, or left the start's attracting orbit.
-
-    `start` are the genes of the best promoted gait, in the polished genome.
-    """
-    if not polished.improved:
-        return polished
-    _, own, *_, verification = levels
-    pair, before, but = np.stack([start, polished.genes]), promoted.multipliers, ""
-    least, excess = excess_at(own, pair, problem, bounds)
-    if excess > least:
-        but = f"it is {'further ' if least else ''}beyond a bound on actuators"
-    elif before is not None and before[0] < 1:
-        after = multipliers_of(problem, pair[1:], 2 * verification.dt)
-        if after is not None and after[0] >= 1:
-            but = f"its orbit multiplies a disturbance in one cycle by {multiplier_words(after[0])}, not "
-            but += multiplier_words(before[0])
-    if not but:
-        return polished
-    reason = f"{polished.reason.removesuffix(f': {KEPT}')}; but {but}: {AS_IT_WAS}"
-    return polished._replace(genes=start, improved=False, reason=reason)

@@ -21,8 +21,8 @@ from jaxgrity.model.actuation import peak_rates
 from jaxgrity.populations.population import Outcomes
 from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genes
-from jaxgrity.search.judging import ensembles_rolled_out, masses_and_lengths, without_measuring
-from jaxgrity.search.models import Model, model_of
+from jaxgrity.search.judging import ensembles_rolled_out, masses_and_lengths, without_force_bounds
+from jaxgrity.search.models import RolloutModel, model_of
 from jaxgrity.search.paths import parts_of, path_bend, path_size
 from jaxgrity.stepping.options import Options
 
@@ -175,9 +175,9 @@ def _varied(
     return np.asarray(genome.within(one + step + config.width * draw.normal(size=one.shape)))
 
 
-def _tried(key, problem: SearchProblem, model: Model, genes: Genes) -> _Tried:
+def _tried(key, problem: SearchProblem, model: RolloutModel, genes: Genes) -> _Tried:
     """What each gait does on its ensemble; NaN where a robot fails, or its rate is beyond the bound."""
-    scene, fitness = model.scene, without_measuring(problem.fitness)
+    scene, fitness = model.scene, without_force_bounds(problem.fitness)
     gaits = problem.genome.gaits(problem.scene.gait, np.asarray(genes, model.options.dtype))
     parts, duration = parts_of(scene, gaits, problem.duration)
     robots, differences, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, False)

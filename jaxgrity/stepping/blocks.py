@@ -19,8 +19,8 @@ WITHOUT_GROUND = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 """The axes z, x and y, which stand for a normal and two tangents where there is no plane."""
 
 
-class Vector(eqx.Module):
-    """A vector for each node of a block, or for each strut, by its components."""
+class Components(eqx.Module):
+    """The components of a vector for each node of a block, or for each strut."""
 
     normal: PerRow
     """along the normal of the plane; along z where there is none"""
@@ -30,20 +30,20 @@ class Vector(eqx.Module):
     """along the second; y"""
 
     @property
-    def parts(self) -> tuple[PerRow, PerRow, PerRow]:
-        """Its three components."""
+    def each(self) -> tuple[PerRow, PerRow, PerRow]:
+        """All three."""
         return self.normal, self.first, self.second
 
-    def __add__(self, other: "Vector") -> "Vector":
-        return Vector(self.normal + other.normal, self.first + other.first, self.second + other.second)
+    def __add__(self, other: "Components") -> "Components":
+        return Components(self.normal + other.normal, self.first + other.first, self.second + other.second)
 
-    def __sub__(self, other: "Vector") -> "Vector":
-        return Vector(self.normal - other.normal, self.first - other.first, self.second - other.second)
+    def __sub__(self, other: "Components") -> "Components":
+        return Components(self.normal - other.normal, self.first - other.first, self.second - other.second)
 
-    def __mul__(self, s) -> "Vector":
-        return Vector(self.normal * s, self.first * s, self.second * s)
+    def __mul__(self, s) -> "Components":
+        return Components(self.normal * s, self.first * s, self.second * s)
 
-    def dot(self, other: "Vector") -> PerRow:
+    def dot(self, other: "Components") -> PerRow:
         return self.normal * other.normal + self.first * other.first + self.second * other.second
 
 
@@ -75,42 +75,44 @@ class Blocks(NamedTuple):
         strut_of = {node: row for row, strut in enumerate(group) for node in self.edges[strut]}
         return (take_rows(value, tuple(strut_of.get(node, 0) for node in self.nodes[0])),)
 
-    def split(self, x: AnyRows, ground: Ground | None) -> tuple[Vector, ...]:
-        """Vectors (nodes, 3) as one `Vector` for each block."""
-        return tuple(rows_of(vector(x, ground), rows) for rows in self.nodes)
+    def split(self, x: AnyRows, ground: Ground | None) -> tuple[Components, ...]:
+        """Vectors (nodes, 3) as `Components` for each block."""
+        return tuple(rows_of(components_of(x, ground), rows) for rows in self.nodes)
 
     def numbers(self, x: AnyArray) -> tuple[AnyArray, ...]:
         """A number for each node as one array for each block; a common number for each block."""
         return tuple(take_rows(x, rows) if x.ndim else x for rows in self.nodes)
 
-    def joined(self, vectors: tuple[Vector, ...]) -> Vector:
-        """One `Vector` for all nodes in their order, from one for each block."""
+    def joined(self, vectors: tuple[Components, ...]) -> Components:
+        """The `Components` of all nodes in their order, from those of each block."""
         if len(self.nodes) == 1:
             return vectors[0]
         count = sum(map(len, self.nodes))
-        placed = (Vector(*(place_rows(part, rows, count) for part in x.parts)) for x, rows in zip(vectors, self.nodes))
+        placed = (
+            Components(*(place_rows(part, rows, count) for part in x.each)) for x, rows in zip(vectors, self.nodes)
+        )
         return reduce(add, placed)
 
 
 def rows_of(x, rows: tuple[int, ...]):
-    """The chosen rows of a `Vector` or of an array."""
-    if isinstance(x, Vector):
-        return Vector(*(rows_of(part, rows) for part in x.parts))
+    """The chosen rows of `Components` or of an array."""
+    if isinstance(x, Components):
+        return Components(*(rows_of(part, rows) for part in x.each))
     return x if rows == tuple(range(x.shape[0])) else take_rows(x, rows)
 
 
 def axes_of(ground: Ground | None) -> tuple:
-    """The unit vectors of `Vector`'s components: a plane's normal and tangents, or z, x and y."""
+    """The unit vectors of `Components`: a plane's normal and tangents, or z, x and y."""
     return WITHOUT_GROUND if ground is None or ground.surface is not None else (ground.normal, *ground.tangents)
 
 
-def vector(x: AnyRows, ground: Ground | None) -> Vector:
-    """Rows of xyz as a `Vector`."""
-    return Vector(*(component(x, axis) for axis in axes_of(ground)))
+def components_of(x: AnyRows, ground: Ground | None) -> Components:
+    """Rows of xyz as `Components`."""
+    return Components(*(component(x, axis) for axis in axes_of(ground)))
 
 
-def xyz(x: Vector, ground: Ground | None) -> AnyRows:
-    """The inverse of `vector`."""
+def xyz(x: Components, ground: Ground | None) -> AnyRows:
+    """The inverse of `components_of`."""
     normal, first, second = axes_of(ground)
     return along(x.normal, normal) + along(x.first, first) + along(x.second, second)
 

@@ -87,22 +87,27 @@ class Complementarity(diffrax.AbstractSolver):
     interpolation_cls: ClassVar[Callable] = diffrax.LocalLinearInterpolation
 
     @abc.abstractmethod
-    def velocity_after_impulses(self, terms, ends, start, scene, memory) -> tuple[AnyArray, ImpulseState]:
-        """w, m/s, in the step from the first to the second of `ends`, s, and the memory of the step."""
+    def velocity_after_impulses(self, field, ends, start, scene, memory) -> tuple[AnyArray, ImpulseState]:
+        """w, m/s, in the step from the first to the second of `ends`, s, and the memory of the step.
+
+        `field(t, (q, v), scene)` is the motion by forces alone: (v, a).
+        """
 
     def order(self, terms):
         return 1
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
-        ground, ends = exact_ground(args), (t0, t1)
+        # in diffrax's words, `terms` holds the vector field, and `args` is the scene; `scene.terms` are the user's laws
+        scene, field = args, terms.vf
+        ground, ends = exact_ground(scene), (t0, t1)
         bounces = ground is not None and ground.restitution is not None
-        start, times = self._at_impacts(terms, ends, y0, args, solver_state) if bounces else (y0, None)
-        w, after = self.velocity_after_impulses(terms, ends, start, args, solver_state)
-        if bounces and args.friction is not None:
+        start, times = self._at_impacts(field, ends, y0, scene, solver_state) if bounces else (y0, None)
+        w, after = self.velocity_after_impulses(field, ends, start, scene, solver_state)
+        if bounces and scene.friction is not None:
             # both are computed: mapped over a population, a condition would compute both too
-            still = eqx.tree_at(lambda scene: scene.ground.restitution, args, 0 * ground.restitution)
-            plastic = self.velocity_after_impulses(terms, ends, start, still, solver_state)
-            gains = self.lift(bounce_gains, ("s", None, -1, -1, -1))(args, t1 - t0, start, w, after.impulses)
+            still = eqx.tree_at(lambda scene: scene.ground.restitution, scene, 0 * ground.restitution)
+            plastic = self.velocity_after_impulses(field, ends, start, still, solver_state)
+            gains = self.lift(bounce_gains, ("s", None, -1, -1, -1))(scene, t1 - t0, start, w, after.impulses)
             taken = after.step_size
             w, after = jax.tree.map(lambda a, b: jnp.where(gains, a, b), plastic, (w, after))
             # of a population one number for all robots
@@ -110,22 +115,22 @@ class Complementarity(diffrax.AbstractSolver):
         y1 = (start[0] + (t1 - t0) * w, w)
         if times is not None:
             # back along the motion after the impacts
-            accelerations = self._unhindered(terms, (t1, t1 + (t1 - t0)), y1, args, after)
-            y1 = self.lift(moved_on, ("s", None, -1, -1, -1))(args, (t1, t1), -times, y1, accelerations)
+            accelerations = self._unhindered(field, (t1, t1 + (t1 - t0)), y1, scene, after)
+            y1 = self.lift(moved_on, ("s", None, -1, -1, -1))(scene, (t1, t1), -times, y1, accelerations)
         return y1, None, {"y0": y0, "y1": y1}, after, diffrax.RESULTS.successful
 
-    def _at_impacts(self, terms, ends, start, scene, memory) -> tuple[State, AnyArray]:
+    def _at_impacts(self, field, ends, start, scene, memory) -> tuple[State, AnyArray]:
         """The start of a step with its derivative at the impacts, and their times. Programs without derivatives leave
         out all that this takes."""
-        accelerations = self._unhindered(terms, ends, start, scene, memory)
+        accelerations = self._unhindered(field, ends, start, scene, memory)
         times = self.lift(impact_times, ("s", None, -1, -1))(scene, ends[1] - ends[0], start, accelerations)
         return self.lift(moved_on, ("s", None, -1, -1, -1))(scene, ends, times, start, accelerations), times
 
-    def _unhindered(self, terms, ends, start, scene, memory) -> AnyArray:
+    def _unhindered(self, field, ends, start, scene, memory) -> AnyArray:
         """m/s^2: the accelerations in a step in which nodes pass through the ground where they would bounce."""
         ends, start, memory = jax.lax.stop_gradient((ends, start, memory))
         scene = without_bounces(scene)
-        w, _ = self.velocity_after_impulses(terms, ends, start, scene, memory)
+        w, _ = self.velocity_after_impulses(field, ends, start, scene, memory)
         gained = (w - start[1]) / kick_of(scene, ends, memory)[0]
         # a failure is that of the step itself
         return jnp.where(jnp.isfinite(gained), gained, 0)

@@ -15,13 +15,13 @@ from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
-from jaxgrity.stepping.blocks import Blocks, Vector, blocks, largest, rows_of, vector, xyz
+from jaxgrity.stepping.blocks import Blocks, Components, blocks, components_of, largest, rows_of, xyz
 from jaxgrity.stepping.entering import closing_speed, where_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact, along_own_axes, answered, ground_impulse, velocity
 
 HELD = 1e-2
 """Share of its free response to an impulse below which a strut counts as held by the ground at both ends."""
-Trials = tuple[Vector, ...]
+Trials = tuple[Components, ...]
 """of each block, the nodes' trial impulses z, m/s (see `ground_response.py`): all that sweeps change"""
 
 
@@ -41,15 +41,15 @@ class GroundImpulses(NamedTuple):
 class StepProblem(NamedTuple):
     """The constants of a step's sweeps; None for constraints that the scene does not have."""
 
-    vectors: Vector | None
+    vectors: Components | None
     """(x_i - x_j)/h of the rigid struts at the start of the step, m/s"""
-    pushes: tuple[tuple[Vector, ...], ...]
+    pushes: tuple[tuple[Components, ...], ...]
     """for each group of struts and each block that it reaches, how nodes move by an impulse of 1 along struts, 1/kg"""
     lengths: PerMember | None
     """L(t1)/h of the rigid struts, m/s"""
     closing: tuple[PerRow, ...] | None
     """for each block, the normal velocity at which a node reaches the ground in this step, or leaves it, m/s"""
-    axes: tuple[tuple[Vector, Vector, Vector], ...] | None
+    axes: tuple[tuple[Components, Components, Components], ...] | None
     """for each block, normal and tangents of uneven ground where it is linearised"""
 
 
@@ -92,13 +92,13 @@ def step_problem(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVec
     """The problem of a step of size h (s) that ends at t1, from positions `q` (m) and velocities `v` (m/s)."""
     struts, ground, layout = rigid_struts(scene), exact_ground(scene), blocks_of(scene)
     vectors = lengths = closing = axes = None
-    pushes: tuple[tuple[Vector, ...], ...] = ()
+    pushes: tuple[tuple[Components, ...], ...] = ()
     if struts is not None:
         apart = edge_vectors(q, struts.edges)
         directions = scale(apart, inverse(length(apart)))
         pushes = tuple(_push(scene, layout, group, directions) for group in layout.groups)
         # over h, as lengths are: a sweep then compares velocities, and multiplies nothing by h
-        vectors = vector(apart, ground) * (1 / h)
+        vectors = components_of(apart, ground) * (1 / h)
         lengths = rest_length(struts, scene.gait, t1, 0) / h
     if ground is not None:
         size = length_scale(scene)
@@ -110,12 +110,12 @@ def step_problem(scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors, v: NodeVec
     return StepProblem(vectors, pushes, lengths, closing, axes)
 
 
-def _push(scene: Scene, layout: Blocks, group: tuple[int, ...], directions: MemberVectors) -> tuple[Vector, ...]:
+def _push(scene: Scene, layout: Blocks, group: tuple[int, ...], directions: MemberVectors) -> tuple[Components, ...]:
     """The motion of each block's nodes by an impulse of 1 along each strut of a group, without a response."""
     inverse_mass, ground = 1 / scene.structure.node_mass, exact_ground(scene)
     if layout.by_struts:
         first, second = layout.ends(layout.numbers(inverse_mass), group)
-        along_strut = vector(directions, ground)
+        along_strut = components_of(directions, ground)
         return along_strut * first, along_strut * -second
     edges = tuple(layout.edges[k] for k in group)
     on_nodes = accumulate(rows_of(directions, group), edges, len(inverse_mass))
@@ -124,10 +124,11 @@ def _push(scene: Scene, layout: Blocks, group: tuple[int, ...], directions: Memb
 
 def trials_of(scene: Scene, w: NodeVectors) -> Trials:
     """The state before the first sweep: velocities `w`, m/s, and no impulses of the ground."""
+    # z = p - w (`ground_response.py`), and p = 0 so far
     return tuple(part * -1 for part in blocks_of(scene).split(w, exact_ground(scene)))
 
 
-def pushed(scene: Scene, trials: Trials, change: NodeVectors) -> Trials:
+def with_change(scene: Scene, trials: Trials, change: NodeVectors) -> Trials:
     """The state with `change`, m/s, added to the velocities by another cause than the ground."""
     changes = blocks_of(scene).split(change, exact_ground(scene))
     return tuple(trial - one for trial, one in zip(trials, changes))
@@ -221,13 +222,13 @@ def rates_at_lengths(problem: StepProblem, partial: Trials, missed: PerMember, s
 class _Strut(NamedTuple):
     """Struts of a group in the middle of a sweep."""
 
-    d: Vector
+    d: Components
     """(x_i - x_j)/h at the end of the step, m/s"""
     goal: PerMember
     """L/h, m/s"""
-    free: Vector
+    free: Components
     """by how much an impulse of 1 along the strut would change d without the ground, 1/kg"""
-    moving: Vector
+    moving: Components
     """the same with what the ground answers"""
 
 
@@ -236,7 +237,7 @@ def _strut(
     problem: StepProblem,
     contacts: tuple[Contact | None, ...],
     group: tuple[int, ...],
-    push: tuple[Vector, ...],
+    push: tuple[Components, ...],
     trials: Trials,
 ) -> _Strut:
     assert problem.vectors is not None, "`step_problem` sets it where struts are rigid"

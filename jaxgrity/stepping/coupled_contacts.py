@@ -21,7 +21,7 @@ import jax.numpy as jnp
 
 from jaxgrity.core.dense import inverse_of, solution
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar
-from jaxgrity.stepping.blocks import Vector
+from jaxgrity.stepping.blocks import Components
 from jaxgrity.stepping.ground_response import Contact, ground_impulse
 
 NEWTON = 12
@@ -64,8 +64,8 @@ class Solved(NamedTuple):
 
 def as_impulses(contact: Contact, z: NodeVectors) -> NodeVectors:
     """P(z): the impulses of both laws, from trial impulses."""
-    p = ground_impulse(contact, Vector(z[:, 0], z[:, 1], z[:, 2]))
-    return jnp.stack(p.parts, axis=1)
+    p = ground_impulse(contact, Components(z[:, 0], z[:, 1], z[:, 2]))
+    return jnp.stack(p.each, axis=1)
 
 
 def missed(problem: ContactProblem, z: NodeVectors) -> NodeVectors:

@@ -137,19 +137,19 @@ class CoupledImpulses(Complementarity):
             impulses = impulses._replace(between_struts=none(points))
         return CoupledState(step_size, impulses, 0 * y0[1], jnp.zeros_like(y0[1][0, 0]))
 
-    def velocity_after_impulses(self, terms, ends, start, scene, memory):
+    def velocity_after_impulses(self, field, ends, start, scene, memory):
         (q, v), (t0, t1) = start, ends
-        h, (kick, forces) = t1 - t0, kick_of(scene, ends, memory)
+        h, (kick, acting) = t1 - t0, kick_of(scene, ends, memory)
         solve = self.lift(coupled_impulses, ("s", None, -1, -1, -1, -1, -1))
         touching = TouchingStruts()
         if capsules_of(scene) is not None or points_between(scene):
             touching = self.lift(touching_struts, ("s", None, -1))(scene, h, start)
-        _, a = terms.vf(t0, start, forces)
+        _, a = field(t0, start, acting)
         free = self._carried(scene, t0, t1, v + kick * a)
         # robots that rest or slide need nearly the impulses of their last step: Newton's method begins there
         found = solve(scene, (h, t1), start, free, free, memory.impulses, touching)
         if scene.dissipates:
-            _, a = terms.vf(t0, (q, (v + found.velocity) / 2), forces)
+            _, a = field(t0, (q, (v + found.velocity) / 2), acting)
             free = self._carried(scene, t0, t1, v + kick * a)
             found = solve(scene, (h, t1), start, free, found.velocity, found.impulses, touching)
         fastest = LARGEST_SPEED_ERROR * speed_scale(scene)

@@ -117,7 +117,7 @@ def with_scales_and_mobility(scene: Scene) -> Scene:
     """The scene with everything computed once for all steps: its scales, and the nodes' mobility where it is not
     1/m_i."""
     scene = with_scales(scene)
-    if not scene.structure.coupled or scene.structure.mobility is not None:
+    if not scene.structure.needs_mobility or scene.structure.mobility is not None:
         return scene
     return dataclasses.replace(scene, structure=with_mobility(scene.structure))
 

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxgrity.core.elementwise import inverse_root
 from jaxgrity.core.primitives import positive_part
 from jaxgrity.core.types import PerRow, Scalar
-from jaxgrity.stepping.blocks import Vector
+from jaxgrity.stepping.blocks import Components
 
 SLOWEST = 1e-10
 """Speed, m/s for a body of one metre. Its square is added to |z_t|^2: the derivative of |z_t| is then finite at 0."""
@@ -33,56 +33,56 @@ class Contact(NamedTuple):
     """c, m/s"""
     mu: PerRow | Scalar | None
     """coefficient of friction of a node that slides; None: no friction"""
-    axes: tuple[Vector, Vector, Vector] | None = None
+    axes: tuple[Components, Components, Components] | None = None
     """normal and two tangents at each node; None: those along which vectors have their components"""
     least: Scalar = SLOWEST**2
     """m^2/s^2, its square for this body: one number, which XLA does not compute anew for each use"""
 
 
-def along_own_axes(contact: Contact | None, x: Vector) -> Vector:
+def along_own_axes(contact: Contact | None, x: Components) -> Components:
     """The components of vectors along the normal and the tangents of each node's contact."""
-    return x if contact is None or contact.axes is None else Vector(*(axis.dot(x) for axis in contact.axes))
+    return x if contact is None or contact.axes is None else Components(*(axis.dot(x) for axis in contact.axes))
 
 
 def _in_any_components(law: Callable) -> Callable:
     """A law of a contact and of vectors in components along its axes, of vectors in any components."""
 
     @wraps(law)
-    def turned(contact: Contact | None, *vectors: Vector) -> Vector:
+    def turned(contact: Contact | None, *vectors: Components) -> Components:
         if contact is None or contact.axes is None:
             return law(contact, *vectors)
         found = law(contact, *(along_own_axes(contact, x) for x in vectors))
-        normal, first, second = (axis * s for axis, s in zip(contact.axes, found.parts))
+        normal, first, second = (axis * s for axis, s in zip(contact.axes, found.each))
         return normal + first + second
 
     return turned
 
 
 @_in_any_components
-def ground_impulse(contact: Contact | None, trial: Vector) -> Vector:
+def ground_impulse(contact: Contact | None, trial: Components) -> Components:
     """p, m/s: the change of velocity by the ground of nodes with the trial impulse z."""
     if contact is None:
         return trial * 0
     pressed = positive_part(trial.normal + contact.closing)
     if contact.mu is None:
-        return Vector(pressed, 0 * trial.first, 0 * trial.second)
+        return Components(pressed, 0 * trial.first, 0 * trial.second)
     share = _share(contact.mu, pressed, _size_squared(contact, trial))
-    return Vector(pressed, share * trial.first, share * trial.second)
+    return Components(pressed, share * trial.first, share * trial.second)
 
 
 @_in_any_components
-def velocity(contact: Contact | None, trial: Vector) -> Vector:
+def velocity(contact: Contact | None, trial: Components) -> Components:
     """w = p - z, m/s, of nodes with the trial impulse z; w_n >= c to the last bit."""
     if contact is None:
         return trial * -1
     p = ground_impulse(contact._replace(axes=None), trial)
     # c itself: p_n - z_n is c but for rounding, with which a node may end a step below the ground
     normal = jnp.where(trial.normal + contact.closing > 0, contact.closing, -trial.normal)
-    return Vector(normal, p.first - trial.first, p.second - trial.second)
+    return Components(normal, p.first - trial.first, p.second - trial.second)
 
 
 @_in_any_components
-def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
+def answered(contact: Contact | None, trial: Components, push: Components) -> Components:
     """dw: the motion of nodes after a small `push`, which they would follow without the ground; dz = -push.
 
     A pressed node does not move along the normal. A sticking one does not move at all. A sliding one, with p_t along e,
@@ -95,14 +95,14 @@ def answered(contact: Contact | None, trial: Vector, push: Vector) -> Vector:
     touching = (pressed > 0).astype(pressed.dtype)
     normal = push.normal * (1 - touching)
     if contact.mu is None:
-        return Vector(normal, push.first, push.second)
+        return Components(normal, push.first, push.second)
     share = _share(contact.mu, pressed, _size_squared(contact, trial))
     sliding = touching * (share < 1).astype(share.dtype)
     back = inverse_root(_size_squared(contact, trial))
     first, second = trial.first * back, trial.second * back
     along = sliding * (share * (first * push.first + second * push.second) - contact.mu * push.normal)
     passing = 1 - share
-    return Vector(normal, passing * push.first + along * first, passing * push.second + along * second)
+    return Components(normal, passing * push.first + along * first, passing * push.second + along * second)
 
 
 def _share(mu: PerRow | Scalar, pressed: PerRow, size_squared: PerRow) -> PerRow:
@@ -110,5 +110,5 @@ def _share(mu: PerRow | Scalar, pressed: PerRow, size_squared: PerRow) -> PerRow
     return jnp.minimum(1, mu * pressed * inverse_root(size_squared))
 
 
-def _size_squared(contact: Contact, trial: Vector) -> PerRow:
+def _size_squared(contact: Contact, trial: Components) -> PerRow:
     return trial.first * trial.first + trial.second * trial.second + contact.least

@@ -275,7 +275,7 @@ def _sweeps(given: SolverOptions, method: Method, dtype: str, size: float) -> in
 def _must_be_coupled(scene: Scene) -> bool:
     """Whether sweeps cannot solve it."""
     balls = scene.ground is not None and scene.ground.balls is not None
-    return scene.structure.coupled or balls or capsules_of(scene) is not None or bool(points_between(scene))
+    return scene.structure.needs_mobility or balls or capsules_of(scene) is not None or bool(points_between(scene))
 
 
 def _coupled(scene: Scene, given: SolverOptions, method: Method, concrete: bool) -> bool:

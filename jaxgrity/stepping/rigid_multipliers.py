@@ -63,7 +63,7 @@ def _forces(scene: Scene, state: State, pulls: PerMember) -> NodeVectors:
 def _multipliers(scene: Scene, d: NodeVectors, wanted: PerMember) -> PerMember:
     """lambda, N/m, with J M^-1 J^T lambda = `wanted`; one of several solutions for dependent constraints."""
     structure, signs = scene.structure, signs_of_ends(scene).astype(d.dtype)
-    if structure.coupled:
+    if structure.needs_mobility:
         own: AnyArray = mobility(structure) if structure.mobility is None else structure.mobility
         response: AnyArray = jnp.einsum("ei,ijk,fj,ek,fk->ef", signs, own, signs, d, d)
     else:

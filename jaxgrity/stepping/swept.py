@@ -25,7 +25,6 @@ from jaxgrity.stepping.constraints import (
     impulses,
     length_error,
     length_gap,
-    pushed,
     rates_at_impulses,
     rates_at_lengths,
     step_problem,
@@ -33,6 +32,7 @@ from jaxgrity.stepping.constraints import (
     trials_of,
     usual_sweeps,
     velocities,
+    with_change,
 )
 
 SWEPT = "swept"
@@ -55,13 +55,13 @@ class SweptImpulses(Complementarity):
     def init(self, terms, t0, t1, y0, args):
         return first_memory(t0, t1, y0)
 
-    def velocity_after_impulses(self, terms, ends, start, scene, memory):
+    def velocity_after_impulses(self, field, ends, start, scene, memory):
         (q, v), (t0, t1) = start, ends
-        h, (kick, forces) = t1 - t0, kick_of(scene, ends, memory)
+        h, (kick, acting) = t1 - t0, kick_of(scene, ends, memory)
         # "s" and -1 say which axis of each argument counts robots (`Lift`)
         problem = jax.tree.map(store_cotangent, self.lift(step_problem, ("s", None, None, -1, -1))(scene, h, t1, q, v))
         found = self.lift(velocities, ("s", -1, -1))
-        accelerated = lambda v: store_cotangent(terms.vf(t0, (q, v), forces)[1])  # noqa: E731
+        accelerated = lambda v: store_cotangent(field(t0, (q, v), acting)[1])  # noqa: E731
         a = accelerated(v)
         trials = self.lift(trials_of, ("s", -1))(scene, v + kick * a)
         if scene.dissipates:
@@ -69,7 +69,7 @@ class SweptImpulses(Complementarity):
             trials = self._constrain(scene, h, problem, trials, usual_sweeps(scene), converged=False)
             corrected = accelerated((v + found(scene, problem, trials)) / 2)
             # the impulses found so far stay, so that the last round begins near its answer
-            trials = self.lift(pushed, ("s", -1, -1))(scene, trials, kick * (corrected - a))
+            trials = self.lift(with_change, ("s", -1, -1))(scene, trials, kick * (corrected - a))
         trials = self._constrain(scene, h, problem, trials, self._most_sweeps(scene), self.tolerance)
         w = found(scene, problem, trials)
         taken = jnp.broadcast_to(h, jnp.shape(memory.step_size))

@@ -15,7 +15,7 @@ from jaxgrity import (
     simulate_population,
     with_gait,
 )
-from jaxgrity.cli.simulate import chosen_scene
+from jaxgrity.cli.scenes import chosen_scene
 from jaxgrity.io.files import save_json
 from jaxgrity.io.gait_library import gait_facts
 from jaxgrity.structures import prism_tower

@@ -39,7 +39,7 @@ def test_nodes_alone_have_the_diagonal_mass_matrix(reference):
     """Without rods that have mass, and the response is its inverse."""
     structure = reference.structure
     np.testing.assert_array_equal(mass_matrix(structure), np.diag(np.repeat(structure.node_mass, 3)))
-    assert not structure.coupled
+    assert not structure.needs_mobility
     assert structure.lumped_mass is structure.node_mass
     np.testing.assert_allclose(mobility(structure)[..., 0], np.diag(1 / structure.node_mass), rtol=1e-15)
 

@@ -56,28 +56,35 @@ def sled() -> Scene:
 
 def test_a_penalty_scene_is_screened_on_its_exact_twin(reference, exact):
     """Its exact twin at 10 ms, itself in float32 at twice its step, and in float64 at half of it."""
-    screening, own, verification = levels = fidelity_levels(reference)
-    assert [(level.name, level.dt, level.dtype) for level in levels] == [
+    screening, own, decisive, verification = levels = fidelity_levels(reference)
+    assert [(level.name, level.dt, level.dtype) for level in levels.compared] == [
         ("screening", 0.01, "float32"),
         ("own model", 1e-3, "float32"),
         ("verification", 2.5e-4, "float64"),
     ]
     assert eqx.tree_equal(screening.scene, exact)
     assert own.scene is verification.scene is reference
+    assert decisive is verification
+    assert levels.rough_own is own
     assert search_levels(levels) == (screening, own)
 
 
 def test_an_exact_scene_is_its_own_screening(exact):
     """Itself throughout: there is one search, for there is one model."""
     levels = fidelity_levels(exact)
-    assert [(level.dt, level.dtype) for level in levels] == [(0.01, "float32"), (5e-3, "float32"), (2.5e-3, "float64")]
+    assert [(level.dt, level.dtype) for level in levels.compared] == [
+        (0.01, "float32"),
+        (5e-3, "float32"),
+        (2.5e-3, "float64"),
+    ]
     assert all(level.scene is exact for level in levels)
-    assert search_levels(levels) == levels[:1]
+    assert search_levels(levels) == (levels.screening,)
+    assert levels.rough_own is levels.screening
 
 
 def steps_of(scene, dt=None):
     """Of all levels, s."""
-    return [level.dt for level in fidelity_levels(scene, dt)]
+    return [level.dt for level in fidelity_levels(scene, dt).compared]
 
 
 def test_a_step_of_ones_own_is_halved_for_verification(reference, exact):

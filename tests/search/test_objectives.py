@@ -156,7 +156,7 @@ def test_cost_of_transport_is_per_weight_of_each_robot(reference, monkeypatch):
     rolled = lambda *_: (gaits, Differences(node_mass=factors), alike)  # noqa: E731
     monkeypatch.setattr(judging, "ensembles_rolled_out", rolled)
     fitness = Fitness(CostOfTransport(), Uncertainty(node_mass=0.9), robots=3)
-    asked = judging.Judging((judging.Model(reference, None),), 8.0, fitness)
+    asked = judging.Judging((judging.RolloutModel(reference, None),), 8.0, fitness)
     one = gaits_of(one_gait(gaits, 0), RATE[:1])
     expected = [-5 / (9.81 * mass) for mass in (3, 6, 12)]
     np.testing.assert_allclose(judging.judge(jax.random.key(0), asked, one).each, [expected], rtol=1e-12)
@@ -173,7 +173,7 @@ def test_the_bound_on_rates_holds_for_the_cables_of_each_robot(reference, monkey
     monkeypatch.setattr(judging, "ensembles_rolled_out", rolled)
     bound = 0.2 * np.pi * float(cables[0])
     fitness = Fitness(Distance(), Uncertainty(prestress=0.1), robots=3, bounds=ActuatorBounds(rate=bound * (1 + 1e-9)))
-    asked = judging.Judging((judging.Model(reference, None),), 8.0, fitness)
+    asked = judging.Judging((judging.RolloutModel(reference, None),), 8.0, fitness)
     one = gaits_of(one_gait(gaits, 0), amplitude[:1])
     np.testing.assert_allclose(judging.judge(jax.random.key(0), asked, one).excess, [[0, 0, 0.1]], atol=1e-6)
 

@@ -43,7 +43,7 @@ from jaxgrity import (
 )
 from jaxgrity.orbits import find_orbit, stability
 from jaxgrity.report.measuring import actuators, directions
-from jaxgrity.search import OBJECTIVES, Progress, find_objective, judge_at, load_states, without_measuring
+from jaxgrity.search import OBJECTIVES, Progress, find_objective, judge_at, load_states, without_force_bounds
 from jaxgrity.search.fidelity import excess_at
 from jaxgrity.search.genetic_algorithm import distinct
 from jaxgrity.search.judging import standard_error, with_robots
@@ -156,7 +156,7 @@ def test_a_search_ends_with_a_verified_gait(exact, config, whole):
     result = whole.result
     assert result.problem.fitness.objective == config.objective
     assert eqx.tree_equal(result.scene, with_gait(exact, result.gait))
-    assert [level.name for level in result.levels] == ["screening", "own model", "verification"]
+    assert [level.name for level in result.levels.compared] == ["screening", "own model", "verification"]
     assert [search.rollouts for search in result.searches] == [4 * 2 * 2]
     np.testing.assert_array_equal(whole.population["genes"], result.searches[0].last.genes)
     np.testing.assert_array_equal(whole.population["fitness"], result.searches[0].last.fitness)
@@ -193,7 +193,7 @@ def test_the_best_few_are_compared_over_many_robots(config, whole):
     best = evolved[np.argsort(-agreement.fitness[-1, : len(evolved)])[:few]]
     assert any(np.array_equal(result.promoted.genes[0], genes) for genes in best)
     gaits = result.problem.genome.gaits(result.problem.scene.gait, best)
-    again = judge_at(result.levels[-1], gaits, many(result), config.seed + 3)
+    again = judge_at(result.levels.verification, gaits, many(result), config.seed + 3)
     np.testing.assert_array_equal(np.sort(again.mean), np.sort(finals.mean))
     assert result.promoted.multipliers is None  # the objective does not look for orbits
 
@@ -264,7 +264,7 @@ def test_on_an_incline_the_distance_is_the_horizontal_one_of_a_finer_rollout(exa
 def many(result):
     """The problem of a search with as many robots as its finalists were compared over."""
     fitness = with_robots(result.problem.fitness, result.promoted.finals.each.shape[1])
-    return result.problem._replace(fitness=without_measuring(fitness))
+    return result.problem._replace(fitness=without_force_bounds(fitness))
 
 
 def assert_equal_gaits(mine, its) -> None:
@@ -373,7 +373,9 @@ def test_a_random_structure_can_be_searched(exact, config):
     gait = Gait((0, 1, 2, 3, 4), 0 * one, 0.1 * one, 0.8 * one, 0.1, 0.2)
     scene = dataclasses.replace(exact, structure=body, gait=gait, node_damping=np.full(10, 0.5))
     result = search_gaits(scene, dataclasses.replace(config, objective=Distance(), polish=None))
-    end = simulate(result.scene, config.duration, options=SolverOptions(dt=result.levels[-1].dt), frame_rate=20.0)
+    end = simulate(
+        result.scene, config.duration, options=SolverOptions(dt=result.levels.verification.dt), frame_rate=20.0
+    )
     path = centre_path(result.scene, end)
     moved = np.linalg.norm((path[-1] - path[0])[:2])
     told = result.verdict.verified
@@ -384,12 +386,12 @@ def test_a_random_structure_can_be_searched(exact, config):
 def test_a_bound_on_force_that_binds_is_kept(exact, config):
     """Below what the best gait of a search without it needs: what is found needs less, or is said to exceed it."""
     loose = search_gaits(exact, dataclasses.replace(config, polish=None))
-    peak = excess_at(loose.levels[1], loose.promoted.genes[:1], loose.problem, ActuatorBounds(force=1.0))[0] + 1.0
+    peak = excess_at(loose.levels.own, loose.promoted.genes[:1], loose.problem, ActuatorBounds(force=1.0))[0] + 1.0
     assert np.isfinite(peak)
     bound = ActuatorBounds(force=0.97 * float(peak))
-    assert excess_at(loose.levels[1], loose.promoted.genes[:1], loose.problem, bound)[0] > 0
+    assert excess_at(loose.levels.own, loose.promoted.genes[:1], loose.problem, bound)[0] > 0
     tight = search_gaits(exact, dataclasses.replace(config, bounds=bound, polish=None))
-    exceeds = excess_at(tight.levels[1], tight.promoted.genes[:1], tight.problem, bound)[0] > 0
+    exceeds = excess_at(tight.levels.own, tight.promoted.genes[:1], tight.problem, bound)[0] > 0
     assert tight.promoted.within_bounds == (not exceeds)
     assert tight.verdict.beyond > 0 or tight.promoted.within_bounds
 

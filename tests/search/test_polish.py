@@ -23,10 +23,10 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.model.actuation import actuated_lengths, peak_rates
-from jaxgrity.search import FidelityLevel, check_polish, promotion
+from jaxgrity.search import FidelityLevel, FidelityLevels, Promoted, check_polish
 from jaxgrity.search.gradients import smoothed_gradients
 from jaxgrity.search.judging import scored
-from jaxgrity.search.polish import KEPT, Polished
+from jaxgrity.search.polish import KEPT, Polished, kept_or_undone
 
 OPTIONS = SolverOptions(dt=1e-2)
 ROBUST = Fitness(uncertainty=Uncertainty(phase=0.03), robots=4)
@@ -202,12 +202,12 @@ def test_genes_of_another_genome_are_refused(swimmer, rows):
 
 def test_a_polished_gait_whose_orbit_repels_is_not_kept(swimmer, monkeypatch):
     """The reason says so once, with digits that tell the multipliers from 1."""
-    monkeypatch.setattr(promotion, "multipliers_of", lambda *_: np.array([1.6]))
+    monkeypatch.setattr("jaxgrity.search.polish.multipliers_of", lambda *_: np.array([1.6]))
     problem, level = SearchProblem(swimmer, Genome(2), 4.0, Fitness()), FidelityLevel("", swimmer, 1e-2, "float64")
     start, worth = np.zeros(2), scored(np.zeros((1, 1)), 0.0)
-    promoted = promotion.Promoted(start[None], worth, np.array([0.9974]), False, None)
+    promoted = Promoted(start[None], worth, np.array([0.9974]), False, None)
     better = Polished(start + 0.5, problem.genome, True, worth, worth, (), 4.0, None, 8, f"up by 0.1: {KEPT}")
-    found = promotion.kept_or_undone(problem, ActuatorBounds(), (level,) * 3, promoted, start, better)
+    found = kept_or_undone(problem, ActuatorBounds(), FidelityLevels(*(level,) * 4), promoted, start, better)
     np.testing.assert_array_equal(found.genes, start)
     said = "its orbit multiplies a disturbance in one cycle by 1.6, not 0.997"
     assert found.reason == f"up by 0.1; but {said}: the gait is kept as it was"
@@ -223,12 +223,12 @@ def test_a_polished_gait_whose_orbit_repels_is_not_kept(swimmer, monkeypatch):
 )
 def test_polish_leads_no_further_beyond_a_bound(swimmer, monkeypatch, excess, said):
     """From a start within it, or beyond it; what is nearer to it is kept."""
-    monkeypatch.setattr(promotion, "excess_at", lambda *_: np.array(excess))
+    monkeypatch.setattr("jaxgrity.search.polish.excess_at", lambda *_: np.array(excess))
     problem, level = SearchProblem(swimmer, Genome(2), 4.0, Fitness()), FidelityLevel("", swimmer, 1e-2, "float64")
     start, worth = np.zeros(2), scored(np.zeros((1, 1)), 0.0)
-    promoted = promotion.Promoted(start[None], worth, None, excess[0] == 0, None)
+    promoted = Promoted(start[None], worth, None, excess[0] == 0, None)
     better = Polished(start + 0.5, problem.genome, True, worth, worth, (), 4.0, None, 8, f"up by 0.1: {KEPT}")
-    found = promotion.kept_or_undone(problem, ActuatorBounds(force=1.0), (level,) * 3, promoted, start, better)
+    found = kept_or_undone(problem, ActuatorBounds(force=1.0), FidelityLevels(*(level,) * 4), promoted, start, better)
     assert found.improved is (said is None)
     if said:
         assert found.reason == f"up by 0.1; but {said}: the gait is kept as it was"

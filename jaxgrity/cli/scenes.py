@@ -1,0 +1,24 @@
+"""The scene that a command is given: by its name or its file, on request with another gait."""
+
+from pathlib import Path
+
+from jaxgrity.io.gait_library import gait_record, load_gait
+from jaxgrity.io.scene_files import load_scene
+from jaxgrity.model.scene import Scene, with_gait
+
+
+def scene_name(scene: str) -> str:
+    """The name of a scene in results: its own, or that of its file."""
+    return Path(scene).name
+
+
+def chosen_scene(scene: str, gait: str | None) -> Scene:
+    """The scene, with a gait of the library or of a search on request."""
+    found = load_scene(scene)
+    if gait is None:
+        return found
+    found = with_gait(found, load_gait(gait))
+    home = gait_record(gait).get("scene")
+    if home is not None and Path(home).stem != Path(scene).stem:
+        print(f"note: the gait {gait} was found on the scene {home}")
+    return found
