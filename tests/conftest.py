@@ -38,8 +38,10 @@ LONG = {
     *("experiments", "explorer", "trust"),
     *("test_bounces", "test_commands", "test_complementarity", "test_finding", "test_learning", "test_methods"),
     *("test_pipeline", "test_population", "test_rolling", "test_scales", "test_speed_forecast"),
+    *("test_draws", "test_gym"),
 }
-"""Folders and files of tests with long simulations, or many robots: their programs are optimised. So are campaigns'."""
+"""Folders and files of tests with long simulations, many robots, or numbers that agree to the last bit: their programs
+are optimised. So are campaigns'."""
 for name, value in {
     "JAX_COMPILATION_CACHE_DIR": str(COMPILED),
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.0",

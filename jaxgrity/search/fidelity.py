@@ -121,6 +121,7 @@ def fidelity_levels(
     return FidelityLevels(screening, own, decisive, verification)
 
 
+@typed
 def search_levels(levels: FidelityLevels) -> tuple[FidelityLevel, ...]:
     """The levels of evolution: screening, and the own model where screening is of the contact twin, or without
     `force_bounds`, as in every wide search."""
