@@ -1,5 +1,5 @@
 """Searches for gaits that last, at equal cost: random search, CMA-ES of evosax (the extra `baselines`) and this
-library's genetic algorithm (GA), each alone and followed by either polish.
+library's genetic algorithm (GA), all without polish.
 
 Phases, amplitudes and frequency are free; what counts is steady speed by robots that differ. Gaits are waves, or each
 actuator moves as it likes. All searches screen by the same rough rollouts, and may have as many of them; each compares
@@ -16,8 +16,7 @@ import numpy as np
 from measurements.measurement import Figure, Record, measurement
 from measurements.pages import by_name, table
 
-from jaxgrity import GAConfig, InputError, PolishConfig, SearchConfig, SearchProblem, contact_twin, evolve, load_scene
-from jaxgrity import polish as polish_from
+from jaxgrity import GAConfig, InputError, SearchConfig, SearchProblem, contact_twin, evolve, load_scene
 from jaxgrity.search import (
     distinct,
     fidelity_levels,
@@ -36,8 +35,6 @@ FINALISTS, COMPARED, JUDGES, JUDGED_FOR = 8, 32, 64, 60.0
 """answers that are compared, and the robots by which; those by which all answers are judged, and for how long, s"""
 FEW = 96
 """Gaits of a search up to which it is a look at whether all of it works."""
-POLISH = ("smoothed", "orbit")
-"""kinds of it"""
 DRAWS = 10**6
 """seeds of draws that each search has to itself; those below it are for the judgement of the answers"""
 
@@ -53,7 +50,7 @@ class Size(NamedTuple):
 
 @measurement(
     page="search_records.md",
-    quick={"seeds": 1, "gaits": 96, "population": 16, "duration": 10.0, "polish": 128},
+    quick={"seeds": 1, "gaits": 96, "population": 16, "duration": 10.0},
     raw=("answers",),
     drawn=("speeds",),
 )
@@ -64,7 +61,6 @@ def lasting_baselines(
     gaits: int = 512,
     population: int = 32,
     duration: float = SearchConfig().duration,
-    polish: int = PolishConfig().rollouts,
 ) -> Iterator[Record]:
     """A row for each answer until all are done; then one for each search, of its answers' steady speeds.
 
@@ -75,7 +71,6 @@ def lasting_baselines(
         gaits: that a search may try, each on as many robots as in the default search
         population: of the GA, and of CMA-ES half as many
         duration: s, of a rollout
-        polish: rollouts of each kind of polish after each search; 0: none
     """
     if "CMA-ES" in methods:
         built(4, 1)
@@ -87,16 +82,10 @@ def lasting_baselines(
         waves = "every" if freedom == "waves" else "none"
         problem = search_problem(scene, SearchConfig(duration, population, waves=waves))
         genes = chosen(problem, searches[method](problem, size, DRAWS * (seed + 1)), DRAWS * (seed + 1))
-        found: dict[str, tuple[np.ndarray, bool | None]] = {method: (genes, None)}
-        for kind in POLISH if polish else ():
-            own, config = fidelity_levels(scene).own.options, PolishConfig(polish, kind)
-            polished = polish_from(problem, genes[None], config, options=own, final_options=own, seed=seed)
-            found[f"{method}, polish {kind}"] = polished.genes, polished.improved
-        for name, (answer, kept) in found.items():
-            known = {"freedom": freedom, "method": name, "seed": seed, "kept": kept}
-            answers.append(known | judged(problem, answer, judges, judged_for))
-            yield answers[-1]
-    about = {"gaits": gaits, "duration": duration, "polish": polish}
+        known = {"freedom": freedom, "method": method, "seed": seed}
+        answers.append(known | judged(problem, genes, judges, judged_for))
+        yield answers[-1]
+    about = {"gaits": gaits, "duration": duration}
     speeds = by_name(answers, "freedom", "method", "own")
     return about | {"rows": told(answers), "answers": answers, "speeds": speeds}
 
@@ -108,46 +97,30 @@ def told(answers: list[Record]) -> list[Record]:
         mine = [row for row in answers if (row["freedom"], row["method"]) == (freedom, method)]
         # not a number where a robot failed
         own, other = ([row[name] for row in mine if np.isfinite(row[name])] for name in ("own", "other"))
-        kept = [row["kept"] for row in mine if row["kept"] is not None]
         about = {"freedom": freedom, "method": method, "seeds": len(mine), "stood": len(own)}
         low, median, high = (float(x) for x in np.quantile(own, (0.25, 0.5, 0.75))) if own else 3 * (None,)
         found = {"median": median, "quartiles": [low, high], "other": float(np.median(other)) if other else None}
-        rows.append({**about, **found, "kept": sum(kept) if kept else None})
+        rows.append(about | found)
     return rows
 
 
 @lasting_baselines.table
 def words(record: Record) -> str:
-    """Steady speeds of each search's answers, before and after either polish, and how much each could try."""
-    found = {(row["freedom"], row["method"]): row for row in record["rows"]}
+    """Steady speeds of each search's answers, and how much each could try."""
     rows = [
         [
-            {"waves": "waves", "free": "free"}[freedom],
-            method,
+            row["freedom"],
+            row["method"],
             f"{row['median']:.3f} ({row['quartiles'][0]:.3f} to {row['quartiles'][1]:.3f})",
             f"{row['other']:.3f}",
-            *(polished(found.get((freedom, f"{method}, polish {kind}"))) for kind in POLISH),
         ]
-        for (freedom, method), row in found.items()
-        if row["kept"] is None
+        for row in record["rows"]
     ]
     head = ["gaits", "search", "steady speed, body lengths/s (quartiles)", "on the other contact model"]
-    head += [f"after polish, {kind}" for kind in POLISH]
     stood, seeds = (sum(row[name] for row in record["rows"]) for name in ("stood", "seeds"))
-    about = [str(record["gaits"]), f"{record['duration']:g} s", str(record["polish"]), f"{stood} of {seeds}"]
-    head_of = [
-        "gaits that each search tries",
-        "duration",
-        "rollouts for each polish",
-        "answers of which no robot failed",
-    ]
-    settings = table(head_of, [about])
+    about = [str(record["gaits"]), f"{record['duration']:g} s", f"{stood} of {seeds}"]
+    settings = table(["gaits that each search tries", "duration", "answers of which no robot failed"], [about])
     return f"{table(head, rows)}\n\n{settings}"
-
-
-def polished(row: Record | None) -> str:
-    """The median speed, and on how many seeds the polished gait was kept."""
-    return "-" if row is None else f"{row['median']:.3f} (kept: {row['kept']} of {row['seeds']})"
 
 
 def tried(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:
