@@ -7,7 +7,8 @@ its finalists by more robots. All answers are then judged by one and the same en
 """
 
 from collections.abc import Callable, Iterator
-from functools import cache
+from dataclasses import replace
+from functools import cache, partial
 from itertools import product
 from typing import Literal, NamedTuple, get_args
 
@@ -27,8 +28,10 @@ from jaxgrity.search import (
     without_force_bounds,
 )
 
-Method = Literal["random", "CMA-ES", "GA"]
-Freedom = Literal["waves", "free"]
+Method = Literal["random", "CMA-ES", "GA", "GA, crossover"]
+Freedom = Literal["waves", "waves with overtones", "free"]
+OVERTONES = 2
+"""of waves with overtones"""
 DRAWN = 4
 """times the population: random gaits with which every search begins"""
 FINALISTS, COMPARED, JUDGES, JUDGED_FOR = 8, 32, 64, 60.0
@@ -76,11 +79,12 @@ def lasting_baselines(
         built(4, 1)
     scene, size, answers = load_scene("exact"), Size(gaits, population), []
     searches: dict[str, Callable] = {"random": random_search, "CMA-ES": cma_es, "GA": genetic}
+    searches["GA, crossover"] = partial(genetic, crossover=1.0)
     # all robots judge for longer than searches take: small sizes have few of them
     judges, judged_for = (JUDGES, JUDGED_FOR) if gaits > FEW else (8, duration)
     for freedom, seed, method in product(freedoms, range(seeds), methods):
-        waves = "every" if freedom == "waves" else "none"
-        problem = search_problem(scene, SearchConfig(duration, population, waves=waves))
+        waves, overtones = "none" if freedom == "free" else "every", OVERTONES * (freedom == "waves with overtones")
+        problem = search_problem(scene, SearchConfig(duration, population, waves=waves, overtones=overtones))
         genes = chosen(problem, searches[method](problem, size, DRAWS * (seed + 1)), DRAWS * (seed + 1))
         known = {"freedom": freedom, "method": method, "seed": seed}
         answers.append(known | judged(problem, genes, judges, judged_for))
@@ -177,12 +181,13 @@ def cma_es(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
     return np.array([np.asarray(state.mean), *best[::-1]])[:FINALISTS]
 
 
-def genetic(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
-    """The GA as the default search screens."""
+def genetic(problem: SearchProblem, size: Size, seed: int, crossover: float = 0.0) -> np.ndarray:
+    """The GA as the default search screens, or with this share of children of two parents."""
     config = SearchConfig(population=size.population)
     count = size.gaits // size.population - DRAWN + 1
     ga: GAConfig = ga_configs(SearchConfig(population=config.population, generations=(count, 0)), 1)[0]
     options = fidelity_levels(problem.scene).screening.options
+    ga = replace(ga, crossover=crossover)
     return distinct(evolve(plain(problem), ga, options=options, seed=seed).last, problem.genome, FINALISTS)
 
 
@@ -216,7 +221,7 @@ def figure(record: Record, chart: Figure) -> None:
             axes.plot(found, k + np.linspace(-0.2, 0.2, len(found)), "o", ms=5, alpha=0.6, color="C0", label=named[0])
             axes.plot(np.nanmedian(found), k, "|", color="black", ms=16, markeredgewidth=2, label=named[1])
         axes.set_yticks(range(len(methods)), methods)
-        axes.set(title={"waves": "waves", "free": "free gaits"}[freedom], xlim=(0, None))
+        axes.set(title="free gaits" if freedom == "free" else freedom, xlim=(0, None))
         axes.set_xlabel("steady speed (body lengths/s)")
     panes[0].invert_yaxis()
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
