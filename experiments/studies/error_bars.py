@@ -74,7 +74,7 @@ def words(record: Record) -> str:
         "rollouts covered": lambda row: f"{round(row['covered'] * row['gaits'])} of {row['gaits']}",
         "median error, m": "{median_error:.1e}",
         "median bar, m": "{median_bar:.1e}",
-        "median bar/error": "{median_ratio:.1f}",
+        "bar/error of a rollout, median": "{median_ratio:.1f}",
     }
     return columns(record["rows"], cells)
 
