@@ -34,9 +34,10 @@ TOWARDS = "anywhere", "heading", "goal", "uphill"
 
 
 class Task(NamedTuple):
-    """A task for a robot. The reward of every control period is its progress, m/s: v·d, with the velocity v of its
-    centre of mass and the wanted direction d. Without a direction it is |u|, with du/dt = (v - u)/T and T = `averaged`:
-    shaking in place earns nothing. A task of your own is a subclass with another `wanted_direction` or `progressed`."""
+    """A task for a robot. The reward of every control period is its progress, m/s, less the cost of effort. Progress is
+    v·d, with the velocity v of its centre of mass and the wanted direction d. Without a direction it is |u|, with
+    du/dt = (v - u)/T and T = `averaged`: shaking in place earns nothing. A task of your own is a subclass with another
+    `wanted_direction` or `progressed`."""
 
     towards: str
     """the direction d: "anywhere", none; "heading", one drawn at the start; "goal", that to the goal; "uphill" """
