@@ -8,7 +8,7 @@ from jaxgrity.core.arguments import check_count, check_number, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.search.judging import Fitness
-from jaxgrity.search.objectives import SteadySpeed
+from jaxgrity.search.objectives import OBJECTIVES, SteadySpeed
 
 GradientKind = Literal["smoothed", "pathwise", "combined", "orbit"]
 
@@ -107,17 +107,32 @@ def check_polish(config: PolishConfig, fitness: Fitness, starts: int) -> None:
     if config.kind == "orbit" and not isinstance(fitness.objective, SteadySpeed):
         said = f"the objective {type(fitness.objective).__name__} is not the speed of an orbit"
         raise InputError(f"polishing by 'orbit': {said}; expected SteadySpeed, or another gradient")
-    unfit = {
-        "caution": fitness.caution,
-        "a steady objective": fitness.objective.steady,
-        "an objective or a bound that needs metrics": fitness.needs_metrics,
-    }
-    for what, asked in unfit.items():
-        if config.kind in ("pathwise", "combined") and asked:
-            raise InputError(f"{what} has no pathwise gradient; expected a smoothed one")
+    if config.kind in ("pathwise", "combined"):
+        _check_pathwise(config.kind, fitness)
     if config.kind in ("smoothed", "orbit"):
         cost = cost_of_gradient(config, fitness, config.kind, share_simulated(config.kind, fitness))
         budget(config, fitness, [cost] * starts)
+
+
+def _check_pathwise(kind: GradientKind, fitness: Fitness) -> None:
+    """Raise `InputError` for everything in the fitness that has no pathwise gradient, at once."""
+    objective, received, expected = fitness.objective, [], []
+    if fitness.caution:
+        received.append(f"caution = {fitness.caution:g}")
+        expected.append("caution = 0")
+    if objective.steady or objective.needs_metrics:
+        fit = [name for name, each in OBJECTIVES.items() if each.parts == 1 and not each.needs_metrics]
+        received.append(f"objective = {type(objective).__name__}")
+        expected.append(f"objective = {', '.join(fit[:-1])} or {fit[-1]}")
+    for name in ("force", "power"):
+        bound = getattr(fitness.bounds, name)
+        if bound is not None:
+            received.append(f"largest_{name} = {bound:g}")
+            expected.append(f"largest_{name} = None")
+    if received:
+        raise InputError(
+            f"polishing by {kind!r}: {' and '.join(received)}; expected {' and '.join(expected)}, or another gradient"
+        )
 
 
 def _check_numbers(config: PolishConfig) -> None:
