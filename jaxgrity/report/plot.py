@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from jaxgrity.core.display import significant
+from jaxgrity.core.display import in_digits, significant
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.actuation import Gait, contraction
 from jaxgrity.report.orbit_plot import orbit_figure
@@ -186,7 +186,7 @@ def robust_figure(gaits: dict[str, np.ndarray], unit: str) -> Figure:
             linewidth=1.6,
             color=colour,
             label=f"{name}: {' '.join([significant(float(each.mean())), *unit.split()])}, standard deviation "
-            f"{each.std():.2g}",
+            f"{in_digits(each.std(), 2)}",
         )
         axes.axvline(each.mean(), color=colour, linestyle=":")
     axes.set(

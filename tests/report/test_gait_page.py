@@ -55,7 +55,7 @@ ACTUATORS |= {"rate_bound": 1.0, "excess": 0.0}
 
 
 RANKS = ("rank_correlation", "rank_correlation_of_the_evolved")
-LOST = "settle on no orbit that attracts disturbed robots; the chosen one"
+LOST = "settle on no orbit that attracts disturbed robots within 48 periods of actuation; the chosen one"
 ADVICE = "this gait does not last; try another seed, or a longer search"
 
 
@@ -64,7 +64,10 @@ ADVICE = "this gait does not last; try another seed, or a longer search"
     [
         ([0.1, 0.9974], "per cycle 0.1, 0.997; the chosen one has the best fitness"),
         ([np.inf, 0.2], f"per cycle 0.2; 1 of 2 {LOST} is none of these, and has the best fitness"),
-        ([np.inf, np.inf], "orbit that attracts disturbed robots; the chosen one has the best fitness"),
+        (
+            [np.inf, np.inf],
+            "orbit that attracts disturbed robots within 48 periods of actuation; the chosen one has the best fitness",
+        ),
     ],
 )
 def test_a_gait_without_an_orbit_is_not_taken_for_the_next_one(multipliers, told):
@@ -156,9 +159,13 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert rows["actuators need"].endswith("d along the path)")
     wandering = outcome_rows({**known, "steady": {**STEADY, "settled": False}})["actuators need"]
     assert wandering.endswith("cost of transport 5.4 (work of every actuator / (m g d), d from the start)")
-    robots = {name: {"mean": 0.6, "standard_deviation": 0.1} for name in ("robust", "other_contact_model")}
+    along = {"mean": 0.6, "standard_deviation": 0.1, "standard_error": 0.01}
+    robots = {"robust": along, "other_contact_model": {**along, "standard_error": None, "failed": 2}}
     uphill = steady_rows({**STEADY, "along_heading": {"heading": 3.1, "speed": 0.67, **robots}})
-    assert uphill["along its heading"].startswith("0.670 m/s, horizontally; perturbed robots 0.600 (standard deviation")
+    assert uphill["along its heading"] == (
+        "0.670 m/s, horizontally; perturbed robots 0.60 ± 0.02 m/s (standard deviation 0.1), "
+        "on the other contact model 0.600 m/s (error not known) (standard deviation 0.1; 2 robots failed)"
+    )
     small = steady_rows({**STEADY, "verified_for": 8.44, "settled_after": 0.32, "period": 0.05, "periods": 1})
     assert small["lasts"].startswith("watched for 8.4 s; settles after 0.32 s")
     assert small["cycle"].startswith("0.0500 s, 1 period of actuation")
@@ -168,7 +175,9 @@ def test_the_rows_say_what_a_gait_is_worth():
     alike = steady_rows({**STEADY, "robust": {**STEADY["robust"], **one}})["both contact models"]
     assert alike.startswith("0.824 m/s over one robot, as nothing is uncertain; 0.81")
     lost = steady_rows({**STEADY, "settled": False, "residual": 0.3})
-    assert lost == {"orbit": f"none: the shape still changes by 0.3 m over a cycle; {ADVICE}"}
+    assert lost == {
+        "orbit": f"none: in the later half of 299 s the shape changes by up to 0.3 m over a cycle; {ADVICE}"
+    }
     turning = steady_rows({**STEADY, "settled": False, "residual": 0.02, "turning": 0.1})
     assert turning == {"orbit": f"none: the robot turns by 5.7 °/s; on a slope or in wind no orbit turns; {ADVICE}"}
     failed = steady_rows({**STEADY, "settled": False, "residual": np.inf, "verified_for": 0.0})
@@ -184,6 +193,12 @@ def test_the_rows_say_who_is_beyond_a_bound():
     assert told.endswith(
         "; this exceeds its bounds by 12 %, added up over them; 100 % of perturbed robots exceed a bound on actuators"
     )
+    strong = {**lost, "actuators": {"peak_force": 1234.0, "peak_rate": 123.4, "peak_power": 99990.0, "excess": 2.345}}
+    strong["actuators"] |= {"cost_of_transport_by_effort": 123.4, "rate_bound": 1.0}
+    told = outcome_rows({**strong, "steady": {**STEADY, "settled": False}})["actuators need"]
+    assert told.startswith("up to 1230 N, 120 m/s, 100000 W; cost of transport 120 (")
+    assert "exceeds its bounds by 230 %" in told
+    assert compare.COLUMNS["peak N, m/s, W"](strong) == "1230, 120, 100000"
     alone = outcome_rows({**lost, "robust": {"robots": 1}})["actuators need"]
     assert alone.endswith("; this exceeds its bounds by 12 %, added up over them")
     assert compare.COLUMNS["beyond a bound"](lost) == "itself, and 100 % of robots"
