@@ -40,7 +40,7 @@ COLUMNS = {
     "peak N, m/s, W": lambda s: ", ".join(each.split()[0] for each in peaks(s["actuators"])),
     "beyond a bound": beyond,
     "rollouts evolved": lambda s: str(sum(search["rollouts"] for search in s["searches"])),
-    "seconds": lambda s: f"{s['wall_seconds']:.0f}",
+    "seconds": lambda s: f"{s['wall_seconds']:.0f}" + " since resumed" * bool(s["settings"].get("resume")),
 }
 """Functions of a summary that make the columns of the table, by their heads."""
 

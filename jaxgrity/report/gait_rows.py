@@ -9,7 +9,7 @@ from jaxgrity.core.display import counted_robots, finite_or, in_digits, mean_of_
 from jaxgrity.orbits.finding import FEWEST_PERIODS
 from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report import plot
-from jaxgrity.report.steady import NOT_LASTING, steady_rows
+from jaxgrity.report.steady import NOT_LASTING, on_orbit, steady_rows
 from jaxgrity.search.objectives import Objective
 from jaxgrity.search.paths import SETTLING
 from jaxgrity.search.promotion import multiplier_words, orbit_words
@@ -18,7 +18,7 @@ from jaxgrity.search.promotion import multiplier_words, orbit_words
 def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
     """How fast and how straight, how sure, and what it asks of actuators: what a reader should know first."""
     steady, asked = summary["steady"], summary["actuators"]
-    needs = "An actuator gives up to {}, {} and {}.".format(*peaks(asked))
+    needs = "An actuator needs up to {}, {} and {}.".format(*peaks(asked))
     if steady is None:
         return f"The robot goes {distance_words(summary)}.", needs
     if not steady["settled"]:
@@ -30,8 +30,9 @@ def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
     travels = abs(steady["turning"]) < lengths
     turn = with_error(abs(turning) / lengths, error / lengths, "°") if travels else with_error(abs(turning), error, "°")
     own, other = steady["robust"], steady["other_contact_model"]
+    side = "" if abs(turning) <= error or not np.isfinite(error) else f" to the {'left' if turning > 0 else 'right'}"
     return (
-        f"The robot moves at {speed} and turns by {turn} per {'body length' if travels else 'second'}.",
+        f"The robot moves at {speed} and turns by {turn} per {'body length' if travels else 'second'}{side}.",
         f"The speed of {counted_robots(own['robots'])} is {mean_of_robots(own, 'm/s')}, and on the other contact model "
         f"{mean_of_robots(other, 'm/s', 'speed')}.",
         needs,
@@ -47,9 +48,11 @@ def peaks(asked: dict[str, Any]) -> tuple[str, str, str]:
 def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
     """What the gait does and needs, in words, by row headings."""
     steady, asked = summary["steady"], summary["actuators"]
+    late = steady is not None and steady["settled"] and not on_orbit(steady, summary["duration"])
+    early = f" in the first {summary['duration']:g} s, before the robot settles" if late else ""
     return {
         **({"verified distance": distance_words(summary)} if steady is None else steady_rows(steady)),
-        "actuators need": f"up to {', '.join(peaks(asked))}; cost of transport {_cost_of_transport(summary)}"
+        "actuators need": f"up to {', '.join(peaks(asked))}{early}; cost of transport {_cost_of_transport(summary)}"
         + _in_the_ramp(summary)
         + _beyond(summary),
     }
@@ -112,10 +115,12 @@ def objective_words(summary: dict[str, Any], unit: str) -> str:
     That of a step and its half differ by half of the first one's error, where errors are of first order.
     """
     robust, other = summary["robust"], summary["other_contact_model"]
+    count = other.get("robots", robust["robots"])
+    others = "" if count == robust["robots"] else f" over {counted_robots(count)}"
     return (
         f"{mean_of_robots(robust, unit)} over {counted_robots(robust['robots'])}, differs by "
         f"{finite_or(robust['step_error'], unit, 'an unknown amount')} between two time steps, one half of the other; "
-        f"{mean_of_robots(other, unit)} on the other contact model"
+        f"{mean_of_robots(other, unit)}{others} on the other contact model"
     )
 
 

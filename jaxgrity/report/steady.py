@@ -167,6 +167,11 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     }
 
 
+def on_orbit(steady: Facts, duration: float) -> bool:
+    """Whether a rollout of this duration, s, ends with a whole cycle of the orbit."""
+    return steady["settled"] and steady["settled_after"] + steady["period"] * steady["periods"] <= duration
+
+
 def _restless(steady: Facts) -> str:
     """Why there is no orbit, in words."""
     if not steady["verified_for"]:

@@ -198,7 +198,8 @@ class Verdict(NamedTuple):
     other_model: Scores
     """on the scene's contact twin"""
     beyond: float
-    """share of `ROUND` robots that exceed a bound on their actuators"""
+    """share of robots that exceed a bound on their actuators: of those of `robust`, or of `ROUND` robots with bounds on
+    forces or powers"""
 
     def summary(self) -> dict[str, Any]:
         """The numbers for a JSON file; SI units. Robots that failed are counted, and in no other number."""
@@ -211,7 +212,6 @@ class Verdict(NamedTuple):
             "robust": {
                 **over_robots(robust),
                 "tenth_percentile": float(np.quantile(known, 0.1)) if known.size else np.nan,
-                "robots": robust.size,
                 "step": self.robust_step,
                 "step_error": self.step_error,
             },

@@ -268,14 +268,15 @@ def influences(each: Float[np.ndarray, "population robots"], caution: float) -> 
 
 
 def over_robots(each: PerGait) -> dict[str, Any]:
-    """Mean and standard deviation over the robots that did not fail, standard error of the mean, and failed robots.
+    """Mean and standard deviation over the robots that did not fail, standard error of the mean, and counts.
 
     NaN if all failed. If some did, the pairs of draws are broken, and the standard error is None: not known.
     """
     known = each[np.isfinite(each)]
     mean, deviation = (float(known.mean()), float(known.std())) if known.size else (np.nan, np.nan)
     error = standard_error(each) if known.size == each.size > 1 else None
-    return {"mean": mean, "standard_deviation": deviation, "standard_error": error, "failed": each.size - known.size}
+    told = {"mean": mean, "standard_deviation": deviation, "standard_error": error}
+    return {**told, "robots": each.size, "failed": each.size - known.size}
 
 
 def standard_error(each: PerGait) -> float:

@@ -46,7 +46,6 @@ class RobotMotions(NamedTuple):
             "displacement_standard_deviation": moved["standard_deviation"],
             "bend": quartiles[1],
             "bend_quartiles": quartiles[::2],
-            "robots": len(self.speed),
         }
 
 

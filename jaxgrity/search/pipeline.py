@@ -73,7 +73,7 @@ class SearchResult(NamedTuple):
     polished: Polished | None
     verdict: Verdict
     seconds: dict[Stage, float]
-    """wall time of each stage, with compilation, s"""
+    """wall time of each stage, with compilation, s; of a search that was resumed, the time since then"""
 
     def _repr_html_(self) -> str:
         return of_report("notebook", "search_html")(self)
@@ -219,6 +219,9 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
     total, done = sum(each.generations for each in configs), sum(state.number for state in states)
     search.tell(Progress("evolving", done, total, {}))
 
+    # a wide screening does not measure forces and powers
+    bounds = ["bounds" if each.force_bounds else "the bound on rates" for each in levels]
+
     def heard(number: int, state) -> None:
         nonlocal done
         if checkpoint is not None:
@@ -228,7 +231,7 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
             "level": levels[number].name,
             "best": float(state.record.best[-1]),
             "failed": int(state.record.failed[-1]),
-            "within bounds": int(state.record.within[-1]),
+            f"within {bounds[number]}": int(state.record.within[-1]),
         }
         search.tell(Progress("evolving", done, total, facts))
 

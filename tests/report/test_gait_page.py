@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 import jaxgrity
 from jaxgrity.cli import compare
 from jaxgrity.core.display import significant
-from jaxgrity.report import plot
+from jaxgrity.report import gait_report, plot
 from jaxgrity.report.gait_report import leave_figures, write_page
 from jaxgrity.report.gait_rows import _chosen, distance_words, late_words, leading_sentences, outcome_rows, search_rows
 from jaxgrity.report.orbit_plot import _moving_frame
@@ -74,6 +74,23 @@ def test_a_gait_without_an_orbit_is_not_taken_for_the_next_one(multipliers, told
     assert _chosen([0.6, 0.5], multipliers)["finalists"].endswith(told)
 
 
+@pytest.mark.parametrize(("settled_after", "shown"), [(0.5, True), (1.5, False)])
+def test_a_motion_that_has_not_settled_is_not_shown_as_an_orbit(exact, monkeypatch, tmp_path, settled_after, shown):
+    """The orbit is found in a longer rollout; where the shown one ends too early, all of it is shown."""
+    begins, pictures = [], []
+    monkeypatch.setattr(gait_report, "leave_figures", lambda found, folder: pictures.extend(found))
+    monkeypatch.setattr(gait_report, "some_frames", lambda trajectory, kept: begins.append(np.argmax(kept)))
+    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
+    steady = {"settled": True, "settled_after": settled_after, "period": 0.4, "periods": 2, "turning": 0.0}
+    times, q = np.linspace(0, 2.0, 21), np.asarray(exact.structure.nodes)[None].repeat(21, 0)
+    zero = jnp.zeros((), int)
+    gait_report.draw_motion(
+        scene, jaxgrity.Trajectory(times, q, 0 * q, zero, zero, zero, "", None), None, steady, tmp_path
+    )
+    assert ("orbit.png" in pictures) is shown
+    assert begins == [12 if shown else 0]
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.7, -2.5])
 def test_an_orbit_is_closed_in_its_moving_frame(turn):
     """What wobbles about a circle, or a line, wobbles about the frame's origin, on the side where it does."""
@@ -120,9 +137,11 @@ def test_a_cycle_must_be_within_the_motion(exact):
 
 def test_the_rows_say_what_a_gait_is_worth():
     """Speed first, then for how long, turning, stability, both models of contact, and what actuators must give."""
-    known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0}
+    known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0, "duration": 40.0}
     known |= {"robust": {"robots": 128}}
     rows = outcome_rows(known)
+    slow = outcome_rows({**known, "steady": {**STEADY, "settled_after": 39.0}})["actuators need"]
+    assert slow.startswith("up to 275 N, 0.99 m/s, 143 W in the first 40 s, before the robot settles; cost")
     strained = outcome_rows({**known, "beyond_bounds": 0.2})["actuators need"]
     assert strained.endswith("; 20 % of perturbed robots exceed a bound on actuators")
     quick = {**known, "actuators": {**ACTUATORS, "peak_rate": 1.133}}
@@ -186,7 +205,7 @@ def test_the_rows_say_what_a_gait_is_worth():
 
 def test_the_rows_say_who_is_beyond_a_bound():
     """The gait itself, by how much, and which share of perturbed robots."""
-    known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0}
+    known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0, "duration": 40.0}
     known |= {"robust": {"robots": 128}}
     lost = {**known, "within_bounds": False, "beyond_bounds": 1.0, "actuators": {**ACTUATORS, "excess": 0.1234}}
     told = outcome_rows(lost)["actuators need"]
@@ -203,6 +222,11 @@ def test_the_rows_say_who_is_beyond_a_bound():
     assert alone.endswith("; this exceeds its bounds by 12 %, added up over them")
     assert compare.COLUMNS["beyond a bound"](lost) == "itself, and 100 % of robots"
     assert compare.COLUMNS["beyond a bound"](known) == "0 % of robots"
+
+
+def test_seconds_of_a_resumed_search_are_those_since_then():
+    told = [compare.COLUMNS["seconds"]({"wall_seconds": 61.4, "settings": {"resume": each}}) for each in (False, True)]
+    assert told == ["61", "61 since resumed"]
 
 
 def test_the_row_of_the_objective_says_that_a_gait_is_late():
@@ -276,6 +300,10 @@ def test_the_rows_say_how_sure_each_direction_is():
     assert told.startswith("0.824, best of the last generation, of gaits beyond their bounds, by the draws")
     assert "; 0.600 m on the other" in rows["objective"]
     assert "differs by 0.0025 m between two time steps, one half of the other;" in rows["objective"]
+    fewer = {**known, "robust": {**robots, "robots": 256}, "other_contact_model": {**robots, "robots": 128}}
+    told = search_rows(fewer, None, jaxgrity.Distance())["objective"]
+    assert told.startswith("0.600 m over 256 perturbed robots, ")
+    assert told.endswith("; 0.600 m over 128 perturbed robots on the other contact model")
     fallen = {**known, "robust": {**robots, "step_error": np.nan}}
     told = search_rows(fallen, None, jaxgrity.Distance())["objective"]
     assert "differs by an unknown amount between two time steps" in told
@@ -283,16 +311,20 @@ def test_the_rows_say_how_sure_each_direction_is():
 
 def test_sentences_say_what_to_know_first():
     """How fast and straight, how sure, what actuators must give; without an orbit how far, or that there is none."""
-    needs = "An actuator gives up to 275 N, 0.99 m/s and 143 W."
+    needs = "An actuator needs up to 275 N, 0.99 m/s and 143 W."
     known = {"steady": {**STEADY, "body_length": 1.0, "turning": -0.1}, "actuators": ACTUATORS}
+    sure = leading_sentences({**known, "steady": {**STEADY, "turning": -1e-3}})[0]
+    assert sure.endswith("turns by 0.1 ± 0.2° per body length.")  # to a side that is not known
     assert leading_sentences(known) == (
-        "The robot moves at 0.886 ± 0.004 body lengths per second and turns by 6.5 ± 0.2° per body length.",
+        "The robot moves at 0.886 ± 0.004 body lengths per second and turns by 6.5 ± 0.2° per body length to the right.",
         "The speed of 128 perturbed robots is 0.82 ± 0.02 m/s (standard deviation 0.14), and on the other contact "
         "model 0.81 ± 0.03 m/s (standard deviation 0.18).",
         needs,
     )
     on_the_spot = {**known["steady"], "body_lengths_per_second": 0.0, "speed_error_bar": 1e-4, "turning": -0.5}
-    told = "The robot moves at 0.0000 ± 0.0001 body lengths per second and turns by 28.6 ± 0.2° per second."
+    told = (
+        "The robot moves at 0.0000 ± 0.0001 body lengths per second and turns by 28.6 ± 0.2° per second to the right."
+    )
     assert leading_sentences({**known, "steady": on_the_spot})[0] == told
     lost = {**known, "steady": {**STEADY, "settled": False}}
     assert leading_sentences(lost) == (f"The robot settles on no orbit: {ADVICE}.", needs)

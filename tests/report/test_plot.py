@@ -170,6 +170,25 @@ def test_titles_and_legends_cover_nothing():
         assert not any(legend.get_window_extent().overlaps(axes.bbox) for axes in figure.axes)
 
 
+def test_gaits_that_are_not_shown_are_counted():
+    """On any level: beyond a bound, NaN, or with a robot that failed, -inf."""
+    worth, known = np.full((2, 8), 0.5), np.eye(2)
+    worth[0, 1:3], worth[1, 3], worth[1, 1] = np.nan, -np.inf, -np.inf
+    figure = plot.fidelity_figure(("screening", "own"), worth, 3, (known, known), "m")
+    told = "2 gaits beyond the actuators' bounds and 1 gaits of which a robot failed are not shown"
+    assert figure.get_supxlabel() == told
+
+
+def test_polish_shows_one_actuator_before_and_after():
+    """Where a search chooses members, the result lacks those that are idle, and others come first."""
+    gait = jaxgrity.load_gait("fast")
+    rows = np.array([2, 4])
+    moving = jax.tree.map(lambda x: np.asarray(x)[rows] if np.ndim(x) else x, gait)
+    moving = dataclasses.replace(moving, members=tuple(gait.members[k] for k in rows))
+    before, after, *_ = plot.polish_figure(gait, moving, [0.5]).axes[0].lines
+    np.testing.assert_array_equal(before.get_ydata(), after.get_ydata())
+
+
 def test_what_has_no_unit_is_shown_without():
     """As a cost of transport: no axis, and no legend, leaves a gap for it."""
     known, costs = np.full((2, 2), np.nan), np.linspace(-3.0, -4.0, 8)
