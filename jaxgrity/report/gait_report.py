@@ -225,8 +225,10 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path) -> None:
     (folder / "polish.png").unlink(missing_ok=True)
     if polished is not None and polished.improved and polished.steps:
         start = one_gait(result.problem.genome.gaits(result.problem.scene.gait, result.promoted.genes[:1]), 0)
-        steps = [step.fitness for step in polished.steps]
-        pictures["polish.png"] = lambda: plot.polish_figure(start, result.gait, steps, unit)
+        steps, steady = [step.fitness for step in polished.steps], result.problem.fitness.objective.steady
+        # pathwise gradients of a steady objective are those of an orbit, whose steps are judged by whole rollouts
+        horizons = {step.horizon: 0 for step in polished.steps if not (steady and step.pathwise_share == 1)}
+        pictures["polish.png"] = lambda: plot.polish_figure(start, result.gait, steps, unit, tuple(horizons))
     leave_figures(pictures, folder)
 
 

@@ -117,10 +117,13 @@ def ranked(correlation: float | None) -> str:
 
 
 @styled
-def polish_figure(before: Gait, after: Gait, fitness: list[float], unit: str = "m") -> Figure:
+def polish_figure(
+    before: Gait, after: Gait, fitness: list[float], unit: str = "m", horizons: tuple[float, ...] = ()
+) -> Figure:
     """An actuator's length over a period before and after polishing, and the fitness around each of its steps.
 
-    The actuator is the first of `after`. Periods begin where it is longest.
+    The actuator is the first of `after`. Periods begin where it is longest. `horizons` are the durations (s) of the
+    rollouts in which steps have their fitness.
     """
     figure = Figure(figsize=(8, 3.4), layout="constrained")
     wave, steps = figure.subplots(1, 2)
@@ -136,6 +139,8 @@ def polish_figure(before: Gait, after: Gait, fitness: list[float], unit: str = "
     wave.legend()
     steps.plot(np.arange(1, len(fitness) + 1), fitness, "o-", markersize=3, color=STRUT)
     steps.set(xlabel="step of polishing", ylabel=_in("fitness", unit))
+    if horizons:
+        steps.set_title(f"in rollouts of {', then '.join(f'{in_digits(each)} s' for each in horizons)}")
     steps.xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
 

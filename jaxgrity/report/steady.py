@@ -146,6 +146,9 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     slow = f"; slowest {steady.get('window', WINDOW):.3g} s after that: "
     slow = "" if slowest is None else f"{slow}{significant(slowest)} m/s"
     neutral = "translation and yaw" if steady.get("yaw_excluded", True) else "translation"
+    # robots of a gait that settles late count while they settle
+    counted = own.get("counted_from", np.inf)
+    early = f" from {significant(counted, 0, 2)} s on, before the gait settles" if counted < since else ""
     held = f"largest Floquet multiplier {multiplier} per cycle ({neutral} excluded; measured over two cycles); "
     back = f"{100 * steady['returned']:.0f} % of disturbed robots return"
     return {
@@ -162,7 +165,7 @@ def steady_rows(steady: Facts) -> dict[str, str]:
         f"{in_digits(1000 * steady['residual'], 2)} mm"
         + _repeats(steady["repetition"], cycle)
         + (f"; stands on the faces {_faces(steady['cycle'])} in turn" if steady["cycle"] else ""),
-        "both contact models": f"{mean_of_robots(own, 'm/s')} over {counted_robots(own['robots'])}; "
+        "both contact models": f"{mean_of_robots(own, 'm/s')} over {counted_robots(own['robots'])}{early}; "
         f"{mean_of_robots(other, 'm/s', 'speed')} on the other contact model",
     }
 

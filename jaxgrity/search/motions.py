@@ -30,6 +30,8 @@ class RobotMotions(NamedTuple):
     """m/s, displacement over time: less than the speed where the path bends; NaN where the rollout failed"""
     bend: PerGait
     """(robots,), rad to the left in a body length of the path; NaN where the rollout failed"""
+    counted_from: float
+    """s, the time from which motion counts"""
 
     def summary(self) -> dict[str, Any]:
         """Means and standard deviations, m/s (`over_robots`); of bends median and quartiles, None where all failed.
@@ -46,6 +48,7 @@ class RobotMotions(NamedTuple):
             "displacement_standard_deviation": moved["standard_deviation"],
             "bend": quartiles[1],
             "bend_quartiles": quartiles[::2],
+            "counted_from": self.counted_from,
         }
 
 
@@ -104,7 +107,9 @@ def robot_motions(
     held, size = np.asarray(outcomes.failure) == 0, float(body_length(scene))
     speed, bend = (np.asarray(each, float) for each in _path_bend(scene, outcomes, np.asarray(duration), MOMENTS))
     velocity = np.asarray(steady_velocity(outcomes, np.asarray(duration)), float)
-    return RobotMotions(np.where(held, size * speed, np.nan), velocity, np.where(held, bend, np.nan))
+    return RobotMotions(
+        np.where(held, size * speed, np.nan), velocity, np.where(held, bend, np.nan), SETTLING * duration
+    )
 
 
 _path_bend = eqx.filter_jit(path_bend)

@@ -186,7 +186,9 @@ def test_polish_shows_one_actuator_before_and_after():
     gait = dataclasses.replace(gait, amplitude=np.linspace(0.1, 0.4, len(gait.members)))
     moving = jax.tree.map(lambda x: np.asarray(x)[rows] if np.ndim(x) else x, gait)
     moving = dataclasses.replace(moving, members=tuple(gait.members[k] for k in rows))
-    before, after, *_ = plot.polish_figure(gait, moving, [0.5]).axes[0].lines
+    figure = plot.polish_figure(gait, moving, [0.5], "m", (3.25, 6.5))
+    before, after, *_ = figure.axes[0].lines
+    assert figure.axes[1].get_title() == "in rollouts of 3.25 s, then 6.5 s"
     np.testing.assert_array_equal(before.get_ydata(), after.get_ydata())
 
 

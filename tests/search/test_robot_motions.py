@@ -46,6 +46,7 @@ def test_speeds_are_those_along_paths(exact, monkeypatch, duration):
     np.testing.assert_allclose(np.hypot(*found.velocity.T)[[0, 3]], [0.1, np.nan], rtol=1e-6)
     _, whole = module.whole_cycles(scene, duration, float(1 / scene.gait.frequency[0]))
     assert duration <= whole < duration + 10.0
+    assert found.counted_from == whole / 4
     turned = 0.5 * 0.75 * whole
     np.testing.assert_allclose(np.hypot(*found.velocity[1]), 0.1 * abs(np.sinc(turned / 2 / np.pi)), rtol=1e-5)
     facts = found.summary()
