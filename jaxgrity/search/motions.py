@@ -107,9 +107,8 @@ def robot_motions(
     held, size = np.asarray(outcomes.failure) == 0, float(body_length(scene))
     speed, bend = (np.asarray(each, float) for each in _path_bend(scene, outcomes, np.asarray(duration), MOMENTS))
     velocity = np.asarray(steady_velocity(outcomes, np.asarray(duration)), float)
-    return RobotMotions(
-        np.where(held, size * speed, np.nan), velocity, np.where(held, bend, np.nan), SETTLING * duration
-    )
+    speed, bend = (np.where(held, each, np.nan) for each in (size * speed, bend))
+    return RobotMotions(speed, velocity, bend, SETTLING * duration)
 
 
 _path_bend = eqx.filter_jit(path_bend)
