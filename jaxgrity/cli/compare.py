@@ -36,7 +36,9 @@ COLUMNS = {
     "scene": lambda s: s["scene"],
     "robust": lambda s: mean_of_robots(s["robust"], unit(s)),
     "other model": lambda s: significant(s["other_contact_model"]["mean"]).replace("nan", "not known"),
-    "motion": lambda s: "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} rolls",
+    "motion": lambda s: (
+        "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} changes of face"
+    ),
     "peak N, m/s, W": lambda s: ", ".join(each.split()[0] for each in peaks(s["actuators"])),
     "beyond a bound": beyond,
     "rollouts evolved": lambda s: str(sum(search["rollouts"] for search in s["searches"])),

@@ -125,14 +125,15 @@ def objective_words(summary: dict[str, Any], unit: str) -> str:
 
 
 def _curse(summary: dict[str, Any], level: str, unit: str) -> dict[str, str]:
-    """The best fitness by the draws that chose it, beside that of the finalist that goes on, by fresh ones on a level
-    that may be another one."""
+    """The best fitness by the draws that chose it, beside that of the finalist that goes on, by fresh ones; each with
+    its fidelity level."""
     evolved, fresh = summary["searches"][-1], summary["finalists"]["fitness"][0]
     best, chosen = (f"{significant(each)} {unit}".rstrip() for each in (evolved["best"][-1], fresh))
     beyond = "" if evolved["within"][-1] else ", of gaits beyond their bounds"
+    own = summary["fidelity"]["levels"][len(summary["searches"]) - 1]["name"]  # gaits evolve on the first of the levels
     return {
-        "fitness": f"{best}, best of the last generation{beyond}, by the draws that chose it; {chosen}, the chosen "
-        f"finalist, by fresh ones that compare finalists ({level})"
+        "fitness": f"{best}, best of the last generation ({own}){beyond}, by the draws that chose it; {chosen}, the "
+        f"chosen finalist, by fresh ones that compare finalists ({level})"
     }
 
 

@@ -241,7 +241,10 @@ def test_the_row_of_the_objective_says_that_a_gait_is_late():
     robots = {**STEADY["robust"], "step_error": 1e-3}
     known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": []}
     known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [0, 7]}]}
-    known |= {"fidelity": {"levels": [{"name": "both models"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
+    known |= {
+        "fidelity": {"levels": [{"name": "screening"}, {"name": "both models"}], **{name: [[1.0]] for name in RANKS}},
+        "polish": None,
+    }
     known |= {"finalists": {"fitness": [1.0], "multipliers": None}, "diagnosis": {}, "ramp": 1.0}
     row = lambda objective, **when: search_rows({**known, **when}, None, objective)["objective"]  # noqa: E731
     late = row(jaxgrity.SteadySpeed(), start=10.0, duration=20.0)
@@ -289,7 +292,10 @@ def test_the_rows_say_how_sure_each_direction_is():
     known = {"steady": None, "robust": robots, "other_contact_model": robots}
     known |= {"directions": [way, {**way, "heading": -1e-3}, lost]}
     known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [0, 7]}]}
-    known |= {"fidelity": {"levels": [{"name": "both models"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
+    known |= {
+        "fidelity": {"levels": [{"name": "screening"}, {"name": "both models"}], **{name: [[1.0]] for name in RANKS}},
+        "polish": None,
+    }
     known |= {"finalists": {"fitness": [0.732], "multipliers": None}, "diagnosis": {}, "start": 1.0, "ramp": 1.0}
     known |= {"distance": 1.75, "error_bar": 0.003, "duration": 8.0}
     rows = search_rows(known, None, jaxgrity.Distance())
@@ -299,12 +305,12 @@ def test_the_rows_say_how_sure_each_direction_is():
     assert rows["sensitivity at the end"] == "not known"
     assert rows["search"].startswith("64 rollouts of the evolution; ")
     assert rows["fitness"] == (
-        "0.824 m, best of the last generation, by the draws that chose it; 0.732 m, the chosen finalist, by fresh ones "
-        "that compare finalists (both models)"
+        "0.824 m, best of the last generation (screening), by the draws that chose it; 0.732 m, the chosen finalist, "
+        "by fresh ones that compare finalists (both models)"
     )
     strained = {**known, "searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [7, 0]}]}
     told = search_rows(strained, None, jaxgrity.Straightness())["fitness"]
-    assert told.startswith("0.824, best of the last generation, of gaits beyond their bounds, by the draws")
+    assert told.startswith("0.824, best of the last generation (screening), of gaits beyond their bounds, by the draws")
     assert "; 0.600 m on the other" in rows["objective"]
     assert "differs by 0.0025 m between two time steps, one half of the other;" in rows["objective"]
     fewer = {**known, "robust": {**robots, "robots": 256}, "other_contact_model": {**robots, "robots": 128}}
