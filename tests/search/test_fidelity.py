@@ -275,6 +275,7 @@ def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatc
         "mean": other.mean(),
         "standard_deviation": other.std(),
         "standard_error": other.reshape(2, -1).mean(0).std(ddof=1) / np.sqrt(2),
+        "robots": 4,
         "failed": 0,
     }
 
