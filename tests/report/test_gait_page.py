@@ -381,7 +381,7 @@ def test_a_small_robot_has_as_many_digits(size):
     for name, mean in (("robust", "mean"), ("other_contact_model", "speed")):
         scaled = (mean, "standard_deviation", "standard_error")
         small[name] = {**STEADY[name], **{each: size * STEADY[name][each] for each in scaled}}
-    along = {"mean": 0.8 * size, "standard_deviation": 0.1 * size}
+    along = {"mean": 0.8 * size, "standard_deviation": 0.1 * size, "standard_error": None}
     small["along_heading"] = {"speed": 0.81 * size, "robust": along, "other_contact_model": along}
     rows = steady_rows(small)
     told = {
@@ -392,7 +392,7 @@ def test_a_small_robot_has_as_many_digits(size):
     assert rows["speed"] == f"{speed} m/s (0.886 body lengths/s)"
     assert rows["lasts"].endswith(f"after that: {slowest} m/s")
     assert rows["along its heading"].startswith(
-        f"{headed} m/s, horizontally; perturbed robots {significant(0.8 * size)} ("
+        f"{headed} m/s, horizontally; perturbed robots {significant(0.8 * size)} m/s ("
     )
     assert rows["both contact models"].startswith(f"{robots} m/s (standard deviation {0.14 * size:.2g})")
     found = {"distance": 0.5 * size, "error_bar": size, "duration": 8.0}
