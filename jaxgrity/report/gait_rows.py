@@ -49,7 +49,7 @@ def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
     """What the gait does and needs, in words, by row headings."""
     steady, asked = summary["steady"], summary["actuators"]
     late = steady is not None and steady["settled"] and not on_orbit(steady, summary["duration"])
-    early = f" in the first {summary['duration']:g} s, before the robot settles" if late else ""
+    early = f" in the first {summary['duration']:g} s, before a whole cycle of the orbit" if late else ""
     return {
         **({"verified distance": distance_words(summary)} if steady is None else steady_rows(steady)),
         "actuators need": f"up to {', '.join(peaks(asked))}{early}; cost of transport {_cost_of_transport(summary)}"

@@ -160,9 +160,10 @@ def fidelity_figure(
     beyond = np.isnan(fitness).any(0)
     fitness = np.where(beyond, np.nan, fitness)
     hidden = {"beyond the actuators' bounds": beyond, "of which a robot failed": np.isneginf(fitness).any(0)}
-    told = " and ".join(f"{each.sum()} gaits {why}" for why, each in hidden.items() if each.any())
-    if told:
-        figure.supxlabel(f"{told} are not shown")
+    counts = {why: int(each.sum()) for why, each in hidden.items() if each.any()}
+    if counts:
+        told = ", ".join(f"{count} gait{'s' * (count != 1)} {why}" for why, count in counts.items())
+        figure.supxlabel(f"not shown: {told}")
     for k, axes in enumerate(figure.subplots(1, len(names) - 1, squeeze=False)[0]):
         axes.plot(fitness[-1, evolved:], fitness[k, evolved:], "o", color=CABLE, alpha=0.7, label="random gaits")
         axes.plot(fitness[-1, :evolved], fitness[k, :evolved], "o", color=PATH, alpha=0.7, label="evolved gaits")

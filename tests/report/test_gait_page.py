@@ -207,7 +207,7 @@ def test_what_is_measured_before_the_orbit_is_not_told_as_on_it():
     assert "over 128 perturbed robots from 14 s on, before the gait settles; 0.81" in early  # it settles after 14.8 s
     known = {"actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0, "duration": 40.0}
     told = outcome_rows({**known, "steady": {**STEADY, "settled_after": 39.0}})["actuators need"]
-    assert told.startswith("up to 275 N, 0.99 m/s, 143 W in the first 40 s, before the robot settles; cost")
+    assert told.startswith("up to 275 N, 0.99 m/s, 143 W in the first 40 s, before a whole cycle of the orbit; cost")
 
 
 def test_the_rows_say_who_is_beyond_a_bound():

@@ -176,7 +176,7 @@ def test_gaits_that_are_not_shown_are_counted():
     worth, known = np.full((2, 8), 0.5), np.eye(2)
     worth[0, 1:3], worth[1, 3], worth[1, 1] = np.nan, -np.inf, -np.inf
     figure = plot.fidelity_figure(("screening", "own"), worth, 3, (known, known), "m")
-    told = "2 gaits beyond the actuators' bounds and 1 gaits of which a robot failed are not shown"
+    told = "not shown: 2 gaits beyond the actuators' bounds, 1 gait of which a robot failed"
     assert figure.get_supxlabel() == told
 
 
