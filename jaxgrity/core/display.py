@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import Any
+from typing import Any, SupportsFloat
 
 COVERING = 2.0
 """Number of standard errors after a "±" where a number is known by draws: the range then covers the truth in 19 of 20
@@ -50,7 +50,7 @@ def with_error(
     return f"{told} ± {error:g}{unit}"
 
 
-def in_digits(value: float, digits: int = 3) -> str:
+def in_digits(value: SupportsFloat, digits: int = 3) -> str:
     """A number rounded to some digits, without zeros after them: 1230 N, not 1.23e+03 N.
 
     Numbers below 1e-4, or from 1e6 on, have a power of ten.
