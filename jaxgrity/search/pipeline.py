@@ -219,9 +219,6 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
     total, done = sum(each.generations for each in configs), sum(state.number for state in states)
     search.tell(Progress("evolving", done, total, {}))
 
-    # a wide screening does not measure forces and powers
-    bounds = ["bounds" if each.force_bounds else "the bound on rates" for each in levels]
-
     def heard(number: int, state) -> None:
         nonlocal done
         if checkpoint is not None:
@@ -231,7 +228,7 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
             "level": levels[number].name,
             "best": float(state.record.best[-1]),
             "failed": int(state.record.failed[-1]),
-            f"within {bounds[number]}": int(state.record.within[-1]),
+            f"within {'bounds' if levels[number].force_bounds else 'the bound on rates'}": int(state.record.within[-1]),
         }
         search.tell(Progress("evolving", done, total, facts))
 
