@@ -107,7 +107,7 @@ def along_its_path(scene: Scene, draws: int, robots: int, duration: float) -> Re
     asked = {"robots": robots, "duration": duration, "options": SolverOptions(dtype="float32")}
     seeds = tqdm(range(draws), desc="along its path", unit="ensemble", leave=False)
     found = [robot_motions(scene, uncertainty, seed=seed, **asked).summary() for seed in seeds]
-    speed, error = (np.array([each[name] for each in found]) for name in ("speed", "standard_error"))
+    speed, error = (np.array([each[name] for each in found], float) for name in ("speed", "standard_error"))
     return speed, COVERING * error, float(speed.mean())
 
 

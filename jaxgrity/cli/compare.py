@@ -14,6 +14,7 @@ from jaxgrity.core.display import aligned, mean_of_robots, significant, with_err
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text, save_json
 from jaxgrity.report import plot
+from jaxgrity.report.gait_rows import peaks
 from jaxgrity.search.objectives import find_objective
 
 
@@ -35,11 +36,13 @@ COLUMNS = {
     "scene": lambda s: s["scene"],
     "robust": lambda s: mean_of_robots(s["robust"], unit(s)),
     "other model": lambda s: significant(s["other_contact_model"]["mean"]).replace("nan", "not known"),
-    "motion": lambda s: "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} rolls",
-    "peak N, m/s, W": lambda s: "{peak_force:.3g}, {peak_rate:.2g}, {peak_power:.3g}".format(**s["actuators"]),
+    "motion": lambda s: (
+        "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} changes of face"
+    ),
+    "peak N, m/s, W": lambda s: ", ".join(each.split()[0] for each in peaks(s["actuators"])),
     "beyond a bound": beyond,
     "rollouts evolved": lambda s: str(sum(search["rollouts"] for search in s["searches"])),
-    "seconds": lambda s: f"{s['wall_seconds']:.0f}",
+    "seconds": lambda s: f"{s['wall_seconds']:.0f}" + " since resumed" * bool(s["settings"].get("resume")),
 }
 """Functions of a summary that make the columns of the table, by their heads."""
 

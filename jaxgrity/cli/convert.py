@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from jaxgrity.cli.settings import ConvertSettings
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.conversion import find_format, read_any, write_any
 from jaxgrity.formats.foreign import Imported
@@ -51,4 +52,4 @@ def counts(scene: Scene) -> str:
     structure = scene.structure
     struts, cables = (len(m.edges) if m is not None else 0 for m in (structure.struts, structure.cables))
     bodies = f"{len(structure.bodies)} rigid bodies, " if structure.bodies else ""
-    return f"{len(structure.nodes)} nodes, {bodies}{struts} struts, {cables} cables, {float(structure.mass):.4g} kg"
+    return f"{len(structure.nodes)} nodes, {bodies}{struts} struts, {cables} cables, {in_digits(structure.mass, 4)} kg"

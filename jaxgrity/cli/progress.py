@@ -23,7 +23,7 @@ UNITS = {
     "reporting": "part",
 }
 """What a bar counts, by the stage that it shows."""
-SAID = {"best": "best (by the draws that chose it)", "fitness": "fitness (by the draws of this step)"}
+SAID = {"best": "best (by the draws that chose it)", "fitness": "fitness (by the draws and the horizon of this step)"}
 """Words with which a bar shows a fact whose name alone says too little."""
 TICK = 2.0
 """Longest time between two updates of a bar, s."""

@@ -65,9 +65,10 @@ def main(settings: SearchSettings) -> None:
         settings.duration, settings.population, settings.generations = min(settings.duration, 16.0), 64, (3, 2)
         settings.polish_gaits, settings.polish_rollouts = 1, min(settings.polish_rollouts, 256)
     scene, config = load_scene(settings.scene), config_of(settings)
+    polished = "polished by gradients, and " if config.polish is not None else ""
     print(
         f"Searching for a gait of {scene_name(settings.scene)}: gaits evolve on a rough model, and finer models test "
-        f"the best.\nThe winner is polished by gradients, and verified. Compiling takes a minute the first time.\n"
+        f"the best.\nThe winner is {polished}verified. Compiling takes a minute the first time.\n"
         f"Results go to {settings.out}/. After Ctrl-C, the same command with --resume continues.\n"
     )
     print(replaced_words(settings) + standstill_words(scene, config), end="")

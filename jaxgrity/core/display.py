@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from importlib import import_module
-from typing import Any
+from typing import Any, SupportsFloat
 
 COVERING = 2.0
 """Number of standard errors after a "±" where a number is known by draws: the range then covers the truth in 19 of 20
@@ -50,9 +50,17 @@ def with_error(
     return f"{told} ± {error:g}{unit}"
 
 
+def in_digits(value: SupportsFloat, digits: int = 3) -> str:
+    """A number rounded to some digits, without zeros after them: 1230 N, not 1.23e+03 N.
+
+    Numbers below 1e-4, or from 1e6 on, have a power of ten.
+    """
+    return f"{float(f'{float(value):.{digits}g}'):g}"
+
+
 def finite_or(value: float, unit: str, otherwise: str) -> str:
     """A number of two digits with its unit, or other words where it is not finite."""
-    return f"{value:.2g} {unit}".rstrip() if math.isfinite(value) else otherwise
+    return f"{in_digits(value, 2)} {unit}".rstrip() if math.isfinite(value) else otherwise
 
 
 def _exponent(value: float) -> int:
@@ -78,7 +86,7 @@ def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str
     if not deviation:
         return f"{significant(robots[mean])} {unit}".rstrip() + (f" ({lost})" if failed else "")
     known = with_error(robots[mean], None if error is None else COVERING * error, f" {unit}".rstrip())
-    return f"{known} (standard deviation {deviation:.2g}{f'; {lost}' if failed else ''})"
+    return f"{known} (standard deviation {in_digits(deviation, 2)}{f'; {lost}' if failed else ''})"
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Times
@@ -113,7 +114,7 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
         struts = penalty_twin(scene).structure.struts
         assert struts is not None, "it has those of the scene"
         assert struts.stiffness is not None, "as springs"
-        notes.append(f"{len(others)} rigid struts are springs of {np.max(struts.stiffness):.4g} N/m there")
+        notes.append(f"{len(others)} rigid struts are springs of {in_digits(np.max(struts.stiffness), 4)} N/m there")
     elif rigid and not struts.rigid:
         notes.append(f"{len(rigid)} struts with mass do not stretch there, as their ends belong to one body")
     kept = _some(struts, others)

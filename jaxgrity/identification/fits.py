@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core.arguments import check_count, check_index, check_number
-from jaxgrity.core.display import COVERING
+from jaxgrity.core.display import COVERING, in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
@@ -78,12 +78,13 @@ class Identified(NamedTuple):
         """A line for each parameter."""
         lines = []
         for each in self.estimates:
-            error = f"± {COVERING * each.standard_error:.2g}"
-            told = f"the data cannot tell ({error} is left)" if each.value is None else f"{each.value:.4g} {error}"
+            error = f"± {in_digits(COVERING * each.standard_error, 2)}"
+            value = None if each.value is None else in_digits(each.value, 4)
+            told = f"the data cannot tell ({error} is left)" if value is None else f"{value} {error}"
             known = each.value is None or each.interval is not None
-            lines.append(f"{each.name}: {told if known else f'{each.value:.4g} (error not known)'}")
+            lines.append(f"{each.name}: {told if known else f'{value} (error not known)'}")
         end = "" if self.converged else "; the fit did not converge, and its intervals are not to be trusted"
-        lines.append(f"misfit: {self.misfit:.3g} standard deviations of the noise{end}")
+        lines.append(f"misfit: {in_digits(self.misfit)} standard deviations of the noise{end}")
         lines += [] if self.residuals is None else [self.residuals.summary()]
         return "\n".join([*lines, *([] if self.twin is None else [self.twin.summary()])])
 

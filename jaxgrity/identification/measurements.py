@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
@@ -145,5 +146,6 @@ def check_units(measured: Measurement, expected: Values) -> None:
     theirs, ours = (float(np.linalg.norm(np.asarray(x)[there])) for x in (measured.values, expected))
     if ours > 0 and theirs > 0 and not 1 / SCALE < theirs / ours < SCALE:
         raise InputError(
-            f"values are {theirs / ours:.2g} times as large as the scene predicts: expected SI units (m, rad, N)"
+            f"values are {in_digits(theirs / ours, 2)} times as large as the scene predicts: "
+            "expected SI units (m, rad, N)"
         )

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import matmul_toeplitz
 from scipy.stats import chi2, norm, t
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.types import AnyArray
 
 FEWEST_ROWS = 10
@@ -71,7 +72,7 @@ class ResidualTests(NamedTuple):
             worth = f"worth {self.independent:.0f} independent ones"
             found.append(f"correlated from row to row ({self.autocorrelation:.2f}), {worth}")
         if self.too_large:
-            found.append(f"{self.size:.2g} times the noise that was said")
+            found.append(f"{in_digits(self.size, 2)} times the noise that was said")
         if not found:
             return "residuals: like independent noise of the size that was said"
         end = "" if self.enough else "; too few for intervals"

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.identification.measurements import Measurement
 from jaxgrity.identification.motions import MeasuredMotion, with_options
@@ -35,9 +36,10 @@ class TwinFit(NamedTuple):
         if self.reason:
             return f"the other contact model: not fitted, since {self.reason}"
         told = ", ".join(
-            f"{name} {value:.4g}, {self.apart[name]:.1f} standard errors apart" for name, value in self.values.items()
+            f"{name} {in_digits(value, 4)}, {self.apart[name]:.1f} standard errors apart"
+            for name, value in self.values.items()
         )
-        return f"the other contact model: {told}; misfit {self.misfit:.3g}"
+        return f"the other contact model: {told}; misfit {in_digits(self.misfit)}"
 
 
 def twin_problem(

@@ -267,7 +267,8 @@ def ramp_rates(gait: Gait, rest_lengths: Float[AnyArray, "*robots actuators"]) -
 
     It is that of L0 delta/2 |r' (1 + s) + r 2 pi f s'|. At one angle of the wave this is convex in r, so it is largest
     at the angle's last moment in the ramp, or at most r' (1 + s), which the top of the wave has at any r. So samples of
-    the last period are enough. `rest_lengths` are L0, m: (actuators,) of one robot, or a row for each.
+    the last period are enough. At the first and the last no parabola helps: the result is up to 0.04 % too small (1,000
+    random gaits). `rest_lengths` are L0, m: (actuators,) of one robot, or a row for each.
     """
     xp = namespace_of(gait.phase)
     turn = 2 * np.pi * xp.maximum(gait.frequency, np.finfo(gait.phase.dtype).eps)

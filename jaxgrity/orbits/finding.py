@@ -29,6 +29,9 @@ SETTLED = 0.1
 """Largest change of shape over a cycle, in body lengths. A robot has settled once no later cycle exceeds it."""
 HEADING = 0.2
 """Largest turn of a robot on a slope since it settled, rad. A motion that keeps turning does not repeat there."""
+FEWEST_PERIODS = 4 * MOST_PERIODS
+"""Number of periods of actuation in full swing of `shortest_watch`. In it, a robot that settles later than half of
+them does not count as settled."""
 WINDOW = 10.0
 """Length of the windows over which the speed is averaged, s for a body of one metre."""
 
@@ -96,7 +99,7 @@ def shortest_watch(gait: Gait | None) -> float:
 
     Raises `InputError` as `period_of` does.
     """
-    return (_first_period(gait) + 4 * MOST_PERIODS) * period_of(gait)
+    return (_first_period(gait) + FEWEST_PERIODS) * period_of(gait)
 
 
 @typed

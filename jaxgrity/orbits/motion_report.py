@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.distance import pdist
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scales import length_scale
@@ -38,11 +39,12 @@ class MotionReport(NamedTuple):
     def sentence(self) -> str:
         """The report in one sentence."""
         if not np.isfinite(self.settled_after):
-            return f"the robot {self.kind}; its motion has not settled after {self.watched:.3g} s"
+            return f"the robot {self.kind}; its motion has not settled after {in_digits(self.watched)} s"
+        since = in_digits(self.settled_after, 2)
         if not self.periods:
-            return f"the robot {self.kind}; it is at rest after {self.settled_after:.2g} s"
+            return f"the robot {self.kind}; it is at rest after {since} s"
         again = "each period" if self.periods == 1 else f"every {self.periods} periods"
-        return f"the robot {self.kind}; its motion has settled after {self.settled_after:.2g} s, and repeats {again}"
+        return f"the robot {self.kind}; its motion has settled after {since} s, and repeats {again}"
 
 
 def motion_report(scene: Scene, trajectory: Trajectory) -> MotionReport | None:

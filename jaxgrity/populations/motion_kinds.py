@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import pdist
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.balls import touching_velocities
@@ -72,7 +73,7 @@ class Rolling(NamedTuple):
         """The numbers, in a line for people."""
         shown = ["-".join(map(str, face)) for face in self.supports[:2]] + ["..."] * (len(self.supports) > 2)
         return (
-            f"{self.kind}: {self.rolls} change{'s' * (self.rolls != 1)} of support in {self.duration:.3g} s "
+            f"{self.kind}: {self.rolls} change{'s' * (self.rolls != 1)} of support in {in_digits(self.duration)} s "
             f"({', '.join(shown) or 'none lasts'}), slips {100 * self.slip_share:.0f} % of contact time, "
             f"airborne {100 * self.airborne_share:.0f} %, straightness {self.straightness:.2f}"
         )

@@ -23,7 +23,7 @@ from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
 from jaxgrity.report.gait_rows import leading_sentences, outcome_rows, search_rows
 from jaxgrity.report.measuring import gait_measured
-from jaxgrity.report.steady import PARTS
+from jaxgrity.report.steady import PARTS, on_orbit
 from jaxgrity.search.pipeline import SearchResult
 from jaxgrity.search.polish import Polished
 from jaxgrity.search.promotion import Agreement, Promoted
@@ -225,8 +225,10 @@ def draw(result: SearchResult, trust: TrustReport, folder: Path) -> None:
     (folder / "polish.png").unlink(missing_ok=True)
     if polished is not None and polished.improved and polished.steps:
         start = one_gait(result.problem.genome.gaits(result.problem.scene.gait, result.promoted.genes[:1]), 0)
-        steps = [step.fitness for step in polished.steps]
-        pictures["polish.png"] = lambda: plot.polish_figure(start, result.gait, steps, unit)
+        steps, steady = [step.fitness for step in polished.steps], result.problem.fitness.objective.steady
+        # pathwise gradients of a steady objective are those of an orbit, whose steps are judged by whole rollouts
+        horizons = {step.horizon: 0 for step in polished.steps if not (steady and step.pathwise_share == 1)}
+        pictures["polish.png"] = lambda: plot.polish_figure(start, result.gait, steps, unit, tuple(horizons))
     leave_figures(pictures, folder)
 
 
@@ -240,15 +242,15 @@ def leave_figures(pictures: dict[str, Callable[[], Figure]], folder: Path) -> No
 def draw_motion(
     scene: Scene, trajectory: Trajectory, motion: Rolling | None, steady: dict[str, Any] | None, folder: Path
 ) -> None:
-    """The gait beside the motion, lengths, forces, of a settled robot for one cycle alone."""
+    """The gait beside the motion, lengths, forces; if the robot settles in that time, of the last cycle alone."""
     gait = scene.gait
     assert gait is not None, "a search finds a gait"
     end, begin = float(trajectory.times[-1]), 0.0
-    cycle = steady["period"] * steady["periods"] if steady is not None and steady["settled"] else np.inf
     (folder / "orbit.png").unlink(missing_ok=True)
     pictures: dict[str, Callable[[], Figure]] = {}
-    if scene.ground is not None and cycle < end and not trajectory.failed:
-        begin, turning = end - cycle, steady["turning"] if steady else 0
+    if scene.ground is not None and steady is not None and on_orbit(steady, end) and not trajectory.failed:
+        cycle, turning = steady["period"] * steady["periods"], steady["turning"]
+        begin = end - cycle
         pictures["orbit.png"] = lambda: plot.orbit_figure(scene, trajectory, cycle, turning)
     shown = some_frames(trajectory, np.asarray(trajectory.times) >= begin)
     pictures["gait.png"] = lambda: plot.gait_figure(gait, end, motion, begin)

@@ -5,20 +5,20 @@ from typing import Any
 
 import numpy as np
 
-from jaxgrity.core.display import counted_robots, finite_or, mean_of_robots, significant, with_error
+from jaxgrity.core.display import counted_robots, finite_or, in_digits, mean_of_robots, significant, with_error
+from jaxgrity.orbits.finding import FEWEST_PERIODS
 from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report import plot
-from jaxgrity.report.steady import NOT_LASTING, steady_rows
+from jaxgrity.report.steady import NOT_LASTING, on_orbit, steady_rows
 from jaxgrity.search.objectives import Objective
 from jaxgrity.search.paths import SETTLING
-from jaxgrity.search.promotion import multiplier_words
+from jaxgrity.search.promotion import multiplier_words, orbit_words
 
 
 def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
     """How fast and how straight, how sure, and what it asks of actuators: what a reader should know first."""
     steady, asked = summary["steady"], summary["actuators"]
-    needs = f"An actuator gives up to {asked['peak_force']:.3g} N, {asked['peak_rate']:.2g} m/s and "
-    needs += f"{asked['peak_power']:.3g} W."
+    needs = "An actuator needs up to {}, {} and {}.".format(*peaks(asked))
     if steady is None:
         return f"The robot goes {distance_words(summary)}.", needs
     if not steady["settled"]:
@@ -30,21 +30,29 @@ def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
     travels = abs(steady["turning"]) < lengths
     turn = with_error(abs(turning) / lengths, error / lengths, "°") if travels else with_error(abs(turning), error, "°")
     own, other = steady["robust"], steady["other_contact_model"]
+    side = "" if abs(turning) <= error or not np.isfinite(error) else f" to the {'left' if turning > 0 else 'right'}"
     return (
-        f"The robot moves at {speed} and turns by {turn} per {'body length' if travels else 'second'}.",
+        f"The robot moves at {speed} and turns by {turn} per {'body length' if travels else 'second'}{side}.",
         f"The speed of {counted_robots(own['robots'])} is {mean_of_robots(own, 'm/s')}, and on the other contact model "
         f"{mean_of_robots(other, 'm/s', 'speed')}.",
         needs,
     )
 
 
+def peaks(asked: dict[str, Any]) -> tuple[str, str, str]:
+    """Largest force, rate and power of the actuators, in words."""
+    force, rate, power = (asked[f"peak_{name}"] for name in ("force", "rate", "power"))
+    return f"{in_digits(force)} N", f"{in_digits(rate, 2)} m/s", f"{in_digits(power)} W"
+
+
 def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
     """What the gait does and needs, in words, by row headings."""
     steady, asked = summary["steady"], summary["actuators"]
+    late = steady is not None and steady["settled"] and not on_orbit(steady, summary["duration"])
+    early = f" in the first {summary['duration']:g} s, before a whole cycle of the orbit" if late else ""
     return {
         **({"verified distance": distance_words(summary)} if steady is None else steady_rows(steady)),
-        "actuators need": f"up to {asked['peak_force']:.3g} N, {asked['peak_rate']:.2g} m/s, "
-        f"{asked['peak_power']:.3g} W; cost of transport {_cost_of_transport(summary)}"
+        "actuators need": f"up to {', '.join(peaks(asked))}{early}; cost of transport {_cost_of_transport(summary)}"
         + _in_the_ramp(summary)
         + _beyond(summary),
     }
@@ -52,11 +60,10 @@ def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
 
 def _cost_of_transport(summary: dict[str, Any]) -> str:
     """Along the path of the orbit, where there is one."""
-    steady = summary["steady"]
+    steady, cost, way = summary["steady"], summary["actuators"]["cost_of_transport_by_effort"], "from the start"
     if steady is not None and steady["settled"] and steady["cycle"] is not None:
-        return f"{steady['cycle']['cost_of_transport']:.2g} (work of every actuator / (m g d), d along the path)"
-    by_distance = summary["actuators"]["cost_of_transport_by_effort"]
-    return f"{by_distance:.2g} (work of every actuator / (m g d), d from the start)"
+        cost, way = steady["cycle"]["cost_of_transport"], "along the path"
+    return f"{in_digits(cost, 2)} (work of every actuator / (m g d), d {way})"
 
 
 def _in_the_ramp(summary: dict[str, Any]) -> str:
@@ -64,14 +71,15 @@ def _in_the_ramp(summary: dict[str, Any]) -> str:
     peak, bound = (summary["actuators"][name] for name in ("peak_rate", "rate_bound"))
     if bound is None or peak <= bound or not summary["within_bounds"]:
         return ""
-    return f"; the rate exceeds its bound of {bound:.3g} m/s, but only in the gait's ramp"
+    return f"; the rate exceeds its bound of {bound:g} m/s, but only in the gait's ramp"
 
 
 def _beyond(summary: dict[str, Any]) -> str:
     """By how much the gait, and which share of its perturbed robots, exceed the bounds on actuators, in words."""
     told, share = "", summary["beyond_bounds"]
     if not summary["within_bounds"]:
-        told = f"; this exceeds its bounds by {100 * summary['actuators']['excess']:.2g} %, added up over them"
+        over = in_digits(100 * summary["actuators"]["excess"], 2)
+        told = f"; this exceeds its bounds by {over} %, added up over them"
     if not share or summary["robust"]["robots"] == 1:
         return told
     some = "under 1" if share < 0.005 else f"{100 * share:.0f}"
@@ -107,22 +115,25 @@ def objective_words(summary: dict[str, Any], unit: str) -> str:
     That of a step and its half differ by half of the first one's error, where errors are of first order.
     """
     robust, other = summary["robust"], summary["other_contact_model"]
+    count = other.get("robots", robust["robots"])
+    others = "" if count == robust["robots"] else f" over {counted_robots(count)}"
     return (
         f"{mean_of_robots(robust, unit)} over {counted_robots(robust['robots'])}, differs by "
         f"{finite_or(robust['step_error'], unit, 'an unknown amount')} between two time steps, one half of the other; "
-        f"{mean_of_robots(other, unit)} on the other contact model"
+        f"{mean_of_robots(other, unit)}{others} on the other contact model"
     )
 
 
 def _curse(summary: dict[str, Any], level: str, unit: str) -> dict[str, str]:
-    """The best fitness by the draws that chose it, beside that of the finalist that goes on, by fresh ones on a level
-    that may be another one."""
+    """The best fitness by the draws that chose it, beside that of the finalist that goes on, by fresh ones; each with
+    its fidelity level."""
     evolved, fresh = summary["searches"][-1], summary["finalists"]["fitness"][0]
     best, chosen = (f"{significant(each)} {unit}".rstrip() for each in (evolved["best"][-1], fresh))
     beyond = "" if evolved["within"][-1] else ", of gaits beyond their bounds"
+    own = summary["fidelity"]["levels"][len(summary["searches"]) - 1]["name"]  # gaits evolve on the first of the levels
     return {
-        "fitness": f"{best}, best of the last generation{beyond}, by the draws that chose it; {chosen}, the chosen "
-        f"finalist, by fresh ones that compare finalists ({level})"
+        "fitness": f"{best}, best of the last generation ({own}){beyond}, by the draws that chose it; {chosen}, the "
+        f"chosen finalist, by fresh ones that compare finalists ({level})"
     }
 
 
@@ -138,7 +149,7 @@ def late_words(swing: float, duration: float) -> str:
     settled = SETTLING * duration
     if swing <= settled:
         return ""
-    told = f"counts the time from {settled:.3g} s on, but the gait is in full swing from {swing:.3g} s on"
+    told = f"counts the time from {in_digits(settled)} s on, but the gait is in full swing from {in_digits(swing)} s on"
     enough = swing / SETTLING
     last = 10.0 ** (math.floor(math.log10(enough)) - 2)  # of three digits, rounded up: with less it would be late again
     return f"{told}: search with a duration of {math.ceil(enough / last - 1e-9) * last:g} s or more"
@@ -158,9 +169,9 @@ def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, 
     if known and not np.isfinite(multipliers[0]):
         first = f"is none of these, and {first}"
     if not known:
-        told = "none settles on an orbit that attracts disturbed robots"
+        told = f"none settles on an orbit that attracts disturbed robots within {FEWEST_PERIODS} periods of actuation"
     else:
-        rest = f"; {lost} of {len(multipliers)} settle on no orbit that attracts disturbed robots" if lost else ""
+        rest = f"; {lost} of {len(multipliers)} settle on {orbit_words(np.inf)}" if lost else ""
         told = f"largest Floquet multipliers per cycle {', '.join(known)}{rest}"
     return {"finalists": f"{told}; the chosen one {first}"}
 

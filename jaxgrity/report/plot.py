@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from jaxgrity.core.display import significant
+from jaxgrity.core.display import in_digits, significant
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.actuation import Gait, contraction
 from jaxgrity.report.orbit_plot import orbit_figure
@@ -117,24 +117,30 @@ def ranked(correlation: float | None) -> str:
 
 
 @styled
-def polish_figure(before: Gait, after: Gait, fitness: list[float], unit: str = "m") -> Figure:
-    """The first actuator's length over a period before and after polishing, and the fitness around each of its steps.
+def polish_figure(
+    before: Gait, after: Gait, fitness: list[float], unit: str = "m", horizons: tuple[float, ...] = ()
+) -> Figure:
+    """An actuator's length over a period before and after polishing, and the fitness around each of its steps.
 
-    Periods begin where the actuator is longest.
+    The actuator is the first of `after`. Periods begin where it is longest. `horizons` are the durations (s) of the
+    rollouts in which steps have their fitness.
     """
     figure = Figure(figsize=(8, 3.4), layout="constrained")
     wave, steps = figure.subplots(1, 2)
     share = np.linspace(0, 1, 241)
     for gait, name, colour in ((before, "before", PATH), (after, "polished", STRUT)):
-        period = 1 / float(gait.frequency[0])
+        row = gait.members.index(after.members[0])
+        period = 1 / float(gait.frequency[row])
         times = float(gait.start + gait.ramp) + period * share[:-1]
-        lengths = np.array([1 - float(contraction(gait, t)[0]) for t in times])
+        lengths = np.array([1 - float(contraction(gait, t)[row]) for t in times])
         lengths = np.roll(lengths, -int(np.argmax(lengths)))
         wave.plot(share, np.append(lengths, lengths[0]), color=colour, label=f"{name}, {period:.3g} s")
     wave.set(xlabel="share of a period", ylabel="share of the full rest length")
     wave.legend()
     steps.plot(np.arange(1, len(fitness) + 1), fitness, "o-", markersize=3, color=STRUT)
     steps.set(xlabel="step of polishing", ylabel=_in("fitness", unit))
+    if horizons:
+        steps.set_title(f"in rollouts of {', then '.join(f'{in_digits(each)} s' for each in horizons)}")
     steps.xaxis.set_major_locator(MaxNLocator(integer=True))
     return figure
 
@@ -146,15 +152,18 @@ def fidelity_figure(
     """Fitness of the same gaits on every fidelity level but the last, against the last; the first `evolved` columns
     evolved.
 
-    Gaits beyond the bounds on actuators, NaN, are counted and not shown.
+    Gaits beyond the bounds on actuators, NaN, and gaits that failed, -inf, are counted and not shown.
     `correlations` are the levels' rank correlations over all gaits, and over the evolved ones: two square arrays.
     """
     figure = Figure(figsize=(4.2 * (len(names) - 1), 4.4), layout="constrained")
     every, among = correlations
     beyond = np.isnan(fitness).any(0)
     fitness = np.where(beyond, np.nan, fitness)
-    if beyond.any():
-        figure.supxlabel(f"{beyond.sum()} gaits beyond the actuators' bounds are not shown")
+    hidden = {"beyond the actuators' bounds": beyond, "of which a robot failed": np.isneginf(fitness).any(0)}
+    counts = {why: int(each.sum()) for why, each in hidden.items() if each.any()}
+    if counts:
+        told = ", ".join(f"{count} gait{'s' * (count != 1)} {why}" for why, count in counts.items())
+        figure.supxlabel(f"not shown: {told}")
     for k, axes in enumerate(figure.subplots(1, len(names) - 1, squeeze=False)[0]):
         axes.plot(fitness[-1, evolved:], fitness[k, evolved:], "o", color=CABLE, alpha=0.7, label="random gaits")
         axes.plot(fitness[-1, :evolved], fitness[k, :evolved], "o", color=PATH, alpha=0.7, label="evolved gaits")
@@ -186,7 +195,7 @@ def robust_figure(gaits: dict[str, np.ndarray], unit: str) -> Figure:
             linewidth=1.6,
             color=colour,
             label=f"{name}: {' '.join([significant(float(each.mean())), *unit.split()])}, standard deviation "
-            f"{each.std():.2g}",
+            f"{in_digits(each.std(), 2)}",
         )
         axes.axvline(each.mean(), color=colour, linestyle=":")
     axes.set(

@@ -9,7 +9,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 
-from jaxgrity.core.display import significant
+from jaxgrity.core.display import in_digits, significant
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait, contraction, rest_lengths_along
@@ -99,7 +99,7 @@ def path_figure(scene: Scene, trajectory: Trajectory, error_bar: float | None = 
     if error_bar is not None:
         # a bar longer than the distance says no more than that the end cannot be predicted
         known = error_bar <= distance[-1]
-        label = f"end, ± {error_bar:.2g} m" if known else "end, which depends on the time step"
+        label = f"end, ± {in_digits(error_bar, 2)} m" if known else "end, which depends on the time step"
         bar = error_bar if known else None
         against.errorbar(times[-1], distance[-1], bar, color=STRUT, capsize=5, fmt="s", label=label)
     against.plot(times, path[:, 2], color=CABLE, linewidth=1, label="height")

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxgrity.core.display import counted_robots, mean_of_robots, significant, with_error
+from jaxgrity.core.display import counted_robots, in_digits, mean_of_robots, significant, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.contact_twin import contact_twin
@@ -16,6 +16,7 @@ from jaxgrity.orbits.finding import SETTLED, WINDOW, Orbit, period_of, shortest_
 from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.orbits.orbit_symmetry import repetition
 from jaxgrity.populations.uncertainty import Uncertainty
+from jaxgrity.search.judging import over_robots
 from jaxgrity.search.motions import RobotMotions, robot_motions
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
@@ -100,7 +101,7 @@ class _Robots(NamedTuple):
     own: RobotMotions
     other: RobotMotions
     step_error: float
-    """m/s, by which the mean speed on the own model changes with half of the step"""
+    """m/s, by which the mean speed on the own model changes with half of the step, of robots that failed at neither"""
 
 
 def _over_robots(
@@ -116,7 +117,7 @@ def _over_robots(
     options = SolverOptions(dt=default_step(twin, default_method(twin)), dtype="float32")
     other = robot_motions(twin, uncertainty, cycle=cycle, seed=seed, options=options)
     on_progress()
-    return _Robots(fine, other, abs(float(fine.speed.mean() - coarse.speed.mean())))
+    return _Robots(fine, other, abs(over_robots(fine.speed - coarse.speed)["mean"]))
 
 
 def _with_mean(robots: _Robots) -> Facts:
@@ -129,9 +130,7 @@ def _along(heading: float, orbit: Orbit, robots: _Robots) -> Facts:
     """Horizontal speeds along a heading, m/s, of the orbit, and of robots on both contact models."""
     way = np.array([np.cos(heading), np.sin(heading)])
     told: Facts = {"heading": heading, "speed": float(np.array(orbit.velocity) @ way)}
-    for name, speeds in (("robust", robots.own.velocity @ way), ("other_contact_model", robots.other.velocity @ way)):
-        told[name] = {"mean": float(speeds.mean()), "standard_deviation": float(speeds.std())}
-    return told
+    return told | {name: over_robots(each.velocity @ way) for name, each in zip(MODELS, (robots.own, robots.other))}
 
 
 def steady_rows(steady: Facts) -> dict[str, str]:
@@ -147,6 +146,9 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     slow = f"; slowest {steady.get('window', WINDOW):.3g} s after that: "
     slow = "" if slowest is None else f"{slow}{significant(slowest)} m/s"
     neutral = "translation and yaw" if steady.get("yaw_excluded", True) else "translation"
+    # robots of a gait that settles late count while they settle
+    counted = own.get("counted_from", np.inf)
+    early = f" from {significant(counted, 0, 2)} s on, before the gait settles" if counted < since else ""
     held = f"largest Floquet multiplier {multiplier} per cycle ({neutral} excluded; measured over two cycles); "
     back = f"{100 * steady['returned']:.0f} % of disturbed robots return"
     return {
@@ -160,12 +162,17 @@ def steady_rows(steady: Facts) -> dict[str, str]:
         "stability": (held if np.isfinite(steady["multiplier"]) else "") + back,
         "cycle": f"{significant(cycle, 2)} s, {steady['periods']} period{'s' * (steady['periods'] != 1)} of actuation; "
         "shapes one cycle apart differ by "
-        f"{1000 * steady['residual']:.2g} mm"
+        f"{in_digits(1000 * steady['residual'], 2)} mm"
         + _repeats(steady["repetition"], cycle)
         + (f"; stands on the faces {_faces(steady['cycle'])} in turn" if steady["cycle"] else ""),
-        "both contact models": f"{mean_of_robots(own, 'm/s')} over {counted_robots(own['robots'])}; "
+        "both contact models": f"{mean_of_robots(own, 'm/s')} over {counted_robots(own['robots'])}{early}; "
         f"{mean_of_robots(other, 'm/s', 'speed')} on the other contact model",
     }
+
+
+def on_orbit(steady: Facts, duration: float) -> bool:
+    """Whether a rollout of this duration, s, ends with a whole cycle of the orbit."""
+    return steady["settled"] and steady["settled_after"] + steady["period"] * steady["periods"] <= duration
 
 
 def _restless(steady: Facts) -> str:
@@ -173,20 +180,20 @@ def _restless(steady: Facts) -> str:
     if not steady["verified_for"]:
         return "the rollout failed"
     if steady["residual"] <= SETTLED * steady["body_length"]:
-        return f"the robot turns by {np.degrees(steady['turning']):.2g} °/s; on a slope or in wind no orbit turns"
-    return f"the shape still changes by {steady['residual']:.2g} m over a cycle"
+        turning = in_digits(np.degrees(steady["turning"]), 2)
+        return f"the robot turns by {turning} °/s; on a slope or in wind no orbit turns"
+    change, watched = in_digits(steady["residual"], 2), significant(steady["verified_for"], 0, 2)
+    return f"in the later half of {watched} s the shape changes by up to {change} m over a cycle"
 
 
 def _headed(along: Facts | None) -> dict[str, str]:
     """Horizontal speed of a gait along the requested heading, in words; empty if no heading was requested."""
     if along is None:
         return {}
-    own, other = (
-        f"{significant(along[k]['mean'])} (standard deviation {along[k]['standard_deviation']:.2g})" for k in MODELS
-    )
+    own, other = (mean_of_robots(along[k], "m/s") for k in MODELS)
     return {
-        "along its heading": f"{significant(along['speed'])} m/s, horizontally; perturbed robots {own} m/s, "
-        f"on the other contact model {other} m/s"
+        "along its heading": f"{significant(along['speed'])} m/s, horizontally; perturbed robots {own}, "
+        f"on the other contact model {other}"
     }
 
 
@@ -195,7 +202,8 @@ def _repeats(found: Facts | None, cycle: float) -> str:
     times = 1 if found is None else round(cycle / found["time"])
     if found is None or times == 1:
         return ""
-    return f"; {times} symmetry-equivalent segments per cycle, which differ by {1000 * found['residual']:.2g} mm"
+    apart = in_digits(1000 * found["residual"], 2)
+    return f"; {times} symmetry-equivalent segments per cycle, which differ by {apart} mm"
 
 
 def _faces(cycle: Facts) -> str:

@@ -26,6 +26,7 @@ from jaxgrity.search.judging import (
     Scores,
     judge,
     judge_until,
+    over_robots,
     standard_error,
     with_robots,
     without_force_bounds,
@@ -197,32 +198,24 @@ class Verdict(NamedTuple):
     other_model: Scores
     """on the scene's contact twin"""
     beyond: float
-    """share of `ROUND` robots that exceed a bound on their actuators"""
+    """share of robots that exceed a bound on their actuators: of those of `robust`, or of `ROUND` robots with bounds on
+    forces or powers"""
 
     def summary(self) -> dict[str, Any]:
-        """The numbers for a JSON file; SI units. Means and standard deviations are of the robots that did not fail."""
+        """The numbers for a JSON file; SI units. Robots that failed are counted, and in no other number."""
         robust, other = self.robust.each[0], self.other_model.each[0]
-
-        def spread(each: np.ndarray) -> dict[str, Any]:
-            known = each[np.isfinite(each)]
-            mean, deviation = (float(known.mean()), float(known.std())) if known.size else (np.nan, np.nan)
-            # pairs of which one failed do not tell the error
-            error = standard_error(each) if known.size == each.size > 1 else None
-            failed = each.size - known.size
-            return {"mean": mean, "standard_deviation": deviation, "standard_error": error, "failed": failed}
-
+        known = robust[np.isfinite(robust)]
         return {
             "distance": float(self.verified.distance[0]),
             "error_bar": float(self.verified.error_bar[0]),
             "steps": self.verified.steps,
             "robust": {
-                **spread(robust),
-                "tenth_percentile": float(np.quantile(robust, 0.1)),
-                "robots": robust.size,
+                **over_robots(robust),
+                "tenth_percentile": float(np.quantile(known, 0.1)) if known.size else np.nan,
                 "step": self.robust_step,
                 "step_error": self.step_error,
             },
-            "other_contact_model": spread(other),
+            "other_contact_model": over_robots(other),
             "beyond_bounds": self.beyond,
         }
 

@@ -142,7 +142,8 @@ class Evolution(NamedTuple):
     failed: np.ndarray
     """(generations,), number of failed gaits"""
     within: np.ndarray
-    """(generations,), number of gaits within the bounds on actuators on all their robots; where 0, there is no best"""
+    """(generations,), number of gaits within the bounds on actuators on all their robots (in a wide screening, the
+    bound on rates alone); where 0, the best has the least excess"""
     rollouts: int
 
 

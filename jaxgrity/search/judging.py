@@ -1,7 +1,7 @@
 """Fitness of gaits: ensembles of perturbed robots, rolled out on one contact model or on both."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -265,6 +265,18 @@ def influences(each: Float[np.ndarray, "population robots"], caution: float) -> 
     return each - caution * (
         spread + np.divide(off**2 - spread**2, 2 * spread, out=np.zeros_like(off), where=spread > 0)
     )
+
+
+def over_robots(each: PerGait) -> dict[str, Any]:
+    """Mean and standard deviation over the robots that did not fail, standard error of the mean, and counts.
+
+    NaN if all failed. If some did, the pairs of draws are broken, and the standard error is None: not known.
+    """
+    known = each[np.isfinite(each)]
+    mean, deviation = (float(known.mean()), float(known.std())) if known.size else (np.nan, np.nan)
+    error = standard_error(each) if known.size == each.size > 1 else None
+    told = {"mean": mean, "standard_deviation": deviation, "standard_error": error}
+    return {**told, "robots": each.size, "failed": each.size - known.size}
 
 
 def standard_error(each: PerGait) -> float:

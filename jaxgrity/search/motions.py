@@ -14,7 +14,7 @@ from jaxgrity.core.types import PerGait
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.populations.population import as_population
 from jaxgrity.populations.uncertainty import Uncertainty
-from jaxgrity.search.judging import Fitness, ensembles_rolled_out, standard_error
+from jaxgrity.search.judging import Fitness, ensembles_rolled_out, over_robots
 from jaxgrity.search.models import model_of
 from jaxgrity.search.objectives import SteadySpeed
 from jaxgrity.search.paths import MOMENTS, SETTLING, parts_of, path_bend, steady_velocity, whole_cycles
@@ -25,26 +25,30 @@ class RobotMotions(NamedTuple):
     """The motion of every robot after the first quarter of its rollout."""
 
     speed: PerGait
-    """(robots,), m/s along the path of the centre of mass, as that of an orbit is; 0 where the rollout failed"""
+    """(robots,), m/s along the path of the centre of mass, as that of an orbit is; NaN where the rollout failed"""
     velocity: Float[np.ndarray, "robots 2"]
-    """m/s, displacement over time: less than the speed where the path bends; 0 where the rollout failed"""
+    """m/s, displacement over time: less than the speed where the path bends; NaN where the rollout failed"""
     bend: PerGait
     """(robots,), rad to the left in a body length of the path; NaN where the rollout failed"""
+    counted_from: float
+    """s, the time from which motion counts"""
 
     def summary(self) -> dict[str, Any]:
-        """Means and standard deviations, m/s, of all robots; of bends median and quartiles, None where all failed."""
+        """Means and standard deviations, m/s (`over_robots`); of bends median and quartiles, None where all failed.
+
+        Robots that failed are counted, and in no other number.
+        """
         known = self.bend[np.isfinite(self.bend)]
         quartiles = np.quantile(known, (0.25, 0.5, 0.75)).tolist() if known.size else [None] * 3
+        speed, moved = over_robots(self.speed), over_robots(np.hypot(*self.velocity.T))
         return {
-            "speed": float(self.speed.mean()),
-            "standard_deviation": float(self.speed.std()),
-            "standard_error": standard_error(self.speed),
-            "displacement": float(np.hypot(*self.velocity.T).mean()),
-            "displacement_standard_deviation": float(np.hypot(*self.velocity.T).std()),
+            "speed": speed.pop("mean"),
+            **speed,
+            "displacement": moved["mean"],
+            "displacement_standard_deviation": moved["standard_deviation"],
             "bend": quartiles[1],
             "bend_quartiles": quartiles[::2],
-            "robots": len(self.speed),
-            "failed": len(self.speed) - known.size,
+            "counted_from": self.counted_from,
         }
 
 
@@ -102,8 +106,9 @@ def robot_motions(
     outcomes = jax.tree.map(lambda x: x[: fitness.rollouts], outcomes)
     held, size = np.asarray(outcomes.failure) == 0, float(body_length(scene))
     speed, bend = (np.asarray(each, float) for each in _path_bend(scene, outcomes, np.asarray(duration), MOMENTS))
-    velocity = np.nan_to_num(np.asarray(steady_velocity(outcomes, np.asarray(duration)), float))
-    return RobotMotions(np.where(held, size * speed, 0.0), velocity, np.where(held, bend, np.nan))
+    velocity = np.asarray(steady_velocity(outcomes, np.asarray(duration)), float)
+    speed, bend = (np.where(held, each, np.nan) for each in (size * speed, bend))
+    return RobotMotions(speed, velocity, bend, SETTLING * duration)
 
 
 _path_bend = eqx.filter_jit(path_bend)

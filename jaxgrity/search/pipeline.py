@@ -73,7 +73,7 @@ class SearchResult(NamedTuple):
     polished: Polished | None
     verdict: Verdict
     seconds: dict[Stage, float]
-    """wall time of each stage, with compilation, s"""
+    """wall time of each stage, with compilation, s; of a search that was resumed, the time since then"""
 
     def _repr_html_(self) -> str:
         return of_report("notebook", "search_html")(self)
@@ -228,7 +228,7 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
             "level": levels[number].name,
             "best": float(state.record.best[-1]),
             "failed": int(state.record.failed[-1]),
-            "within bounds": int(state.record.within[-1]),
+            f"within {'bounds' if levels[number].force_bounds else 'the bound on rates'}": int(state.record.within[-1]),
         }
         search.tell(Progress("evolving", done, total, facts))
 

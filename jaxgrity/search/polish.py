@@ -48,7 +48,7 @@ from jaxgrity.search.judging import (
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
 from jaxgrity.search.polish_orbit import climb_on_orbit
-from jaxgrity.search.promotion import Promoted, multiplier_words, multipliers_of
+from jaxgrity.search.promotion import Promoted, multiplier_words, multipliers_of, orbit_words
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
 from jaxgrity.trust.sensitivity import Sensitivity
 
@@ -168,8 +168,7 @@ def kept_or_undone(
     elif before is not None and before[0] < 1:
         after = multipliers_of(problem, pair[1:], 2 * levels.verification.dt)
         if after is not None and after[0] >= 1:
-            but = f"its orbit multiplies a disturbance in one cycle by {multiplier_words(after[0])}, not "
-            but += multiplier_words(before[0])
+            but = f"it settles on {orbit_words(after[0])}, the start on one with {multiplier_words(before[0])}"
     if not but:
         return polished
     reason = f"{polished.reason.removesuffix(f': {KEPT}')}; but {but}: {AS_IT_WAS}"

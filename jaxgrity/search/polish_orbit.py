@@ -17,7 +17,7 @@ from jax.flatten_util import ravel_pytree
 from jaxgrity.core.types import AnyArray, Scalar
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
 from jaxgrity.model.scene import Scene, body_length, with_gait
-from jaxgrity.orbits.finding import find_orbit, shortest_watch
+from jaxgrity.orbits.finding import FEWEST_PERIODS, find_orbit, shortest_watch
 from jaxgrity.orbits.orbit_gradient import FEWEST_CYCLES, MOST_CYCLES, derivatives_along, numbers_of
 from jaxgrity.populations.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait
@@ -35,6 +35,8 @@ DOUBLE = 2.0
 """Cost of a rollout in float64, in rollouts in float32."""
 SHORTEST = 1 / 16
 """A climb ends where steps are shorter than this share of its first step."""
+NO_ORBIT = f"the robot settles on no orbit within {FEWEST_PERIODS} periods of actuation"
+"""Why there is no gradient, in words."""
 PULLS = 4
 """Number of corrections that bring a gait back within the bound on rates."""
 
@@ -115,7 +117,7 @@ def orbit_slope(
     orbit = find_orbit(here, watch, options=options)
     cost, nothing = DOUBLE * watch / duration, np.zeros(len(directions))
     if not orbit.settled:
-        return OrbitSlope(orbit.speed / size, nothing, cost, 0.0, "the robot settles on no orbit")
+        return OrbitSlope(orbit.speed / size, nothing, cost, 0.0, NO_ORBIT)
     price = DOUBLE * (1 + TANGENT * len(counts)) * orbit.cycle / duration
     most = int(min(MOST_CYCLES, (rollouts - cost) / price))
     if most < FEWEST_CYCLES:

@@ -7,10 +7,11 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, with_gait
-from jaxgrity.orbits.finding import find_orbit, shortest_watch
+from jaxgrity.orbits.finding import FEWEST_PERIODS, find_orbit, shortest_watch
 from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.populations.population import one_gait
 from jaxgrity.search.fidelity import FidelityLevel, FidelityLevels, excess_at, judge_at, rank_correlation
@@ -51,7 +52,8 @@ class Promoted(NamedTuple):
     """of the finalists, best first, by many robots"""
     multipliers: Float[np.ndarray, " finalists"] | None
     """largest Floquet multiplier of each finalist's orbit: the growth of a disturbance in a cycle; infinite without an
-    orbit. None: not requested, or no orbit is sought for the objective or the ground"""
+    orbit in `FEWEST_PERIODS` periods of actuation. None: not requested, or no orbit is sought for the objective or the
+    ground"""
     within_bounds: bool
     """whether the best gait keeps the bounds on actuators, on the scene's own robot"""
     agreement: Agreement
@@ -111,7 +113,7 @@ def multipliers_of(problem: SearchProblem, genes: Genes, step: float) -> np.ndar
 
 
 def orbit_multipliers(scene: Scene, gaits: Gait, dt: float) -> Float[np.ndarray, " gaits"]:
-    """The largest multiplier of each gait's orbit (`stability`); infinite without an orbit.
+    """The largest multiplier of each gait's orbit (`stability`); infinite without an orbit in `shortest_watch`.
 
     Steps are `dt` (s), or the scene's for a gait that needs smaller ones. Raises `InputError` as `find_orbit` does.
     """
@@ -120,8 +122,15 @@ def orbit_multipliers(scene: Scene, gaits: Gait, dt: float) -> Float[np.ndarray,
 
 def multiplier_words(multiplier: float) -> str:
     """A Floquet multiplier with two digits, or with as many as tell it from 1, beyond which an orbit repels."""
-    shown = (f"{multiplier:.{digits}g}" for digits in range(2, 17))
+    shown = (in_digits(multiplier, digits) for digits in range(2, 17))
     return next((each for each in shown if float(each) != 1), "1")
+
+
+def orbit_words(multiplier: float) -> str:
+    """An orbit with its Floquet multiplier, or that there is none, in words."""
+    if np.isfinite(multiplier):
+        return f"an orbit that multiplies a disturbance in one cycle by {multiplier_words(multiplier)}"
+    return f"no orbit that attracts disturbed robots within {FEWEST_PERIODS} periods of actuation"
 
 
 def _multiplier(scene: Scene, dt: float) -> float:

@@ -61,7 +61,7 @@ class Repertoire(NamedTuple):
     """rad per body length, positive to the left, likewise"""
     quality: Float[np.ndarray, "speeds bends"]
     """minus the standard deviations over those robots, of the speed (body lengths/s) and of the bend (rad per body
-    length), added up"""
+    length), added up; by the draws that chose the gait, so that it is worth less by others"""
     filled: tuple[int, ...]
     """cells that had a gait after each round"""
     rollouts: int

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
@@ -35,7 +36,7 @@ def describe(scene: Scene) -> str:
     lines = [
         ("modelled", ", ".join(modelled) or "-"),
         ("not modelled", ", ".join(absent) or "-"),
-        ("nodes", f"{len(scene.structure.nodes)}, {float(scene.structure.mass):.4g} kg in all"),
+        ("nodes", f"{len(scene.structure.nodes)}, {in_digits(scene.structure.mass, 4)} kg in all"),
         *_describe_ground(scene),
         *_describe_strut_contact(scene),
         *_describe_friction(scene),
@@ -55,7 +56,7 @@ def describe(scene: Scene) -> str:
 
 def _span(values: AnyArray | list, unit: str) -> str:
     low, high = float(np.min(values)), float(np.max(values))
-    text = f"{low:.4g}" if np.isclose(low, high) else f"{low:.4g} to {high:.4g}"
+    text = " to ".join(in_digits(each, 4) for each in ((low,) if np.isclose(low, high) else (low, high)))
     return f"{text} {unit}" if unit else text
 
 

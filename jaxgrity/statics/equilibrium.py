@@ -11,6 +11,7 @@ import optimistix as optx
 import scipy.sparse as sp
 
 from jaxgrity.core.arguments import check_each
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import refuse_traced
@@ -106,7 +107,7 @@ def resting_shape(
         here, more = _descend(descent, place, here.q, (limit, least), ITERATIONS)
         steps += some + more
     if not here.residual <= limit:
-        raise InputError(f"no equilibrium near the start: {here.residual:.3g} N are left after {steps} steps")
+        raise InputError(f"no equilibrium near the start: {in_digits(here.residual)} N are left after {steps} steps")
     reactions = -here.force
     reactions[free] = 0
     K = here.stiffness()

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxgrity.core.arguments import check_number
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
@@ -119,13 +120,13 @@ class StructureReport(NamedTuple):
                 where += "; no member carries force: give [cables] prestrain, or [structure] prestress"
         margin = self.margins.min(initial=np.inf)
         words = {True: "yes", False: "no", None: ""}
-        lowest = ", ".join(f"{f:.4g}" for f in self.frequencies[:SHOWN])
+        lowest = ", ".join(in_digits(f, 4) for f in self.frequencies[:SHOWN])
         return [
             ("states", static),
             ("equilibrium", where),
             ("forces", force_words(self.structure, self.forces)),
             ("slack cables", ", ".join(map(str, self.slack)) or "none"),
-            ("smallest margin", f"{margin:.4g}" if np.isfinite(margin) else ""),
+            ("smallest margin", in_digits(margin, 4) if np.isfinite(margin) else ""),
             ("prestress stable", words[self.prestress_stable]),
             ("super-stable", words[self.super_stable]),
             ("lowest frequencies", f"{lowest} Hz" if lowest else ""),

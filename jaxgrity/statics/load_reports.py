@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxgrity.core.arguments import check_number
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
@@ -45,7 +46,7 @@ class LoadEvent(NamedTuple):
         """The event in words."""
         whole = self.what in (SNAPS, DIVERGES)
         who = f"the structure (most of all node {self.where})" if whole else _member(structure, self.where)
-        return f"{who} {self.what} at {self.factor:.4g} times the loads"
+        return f"{who} {self.what} at {in_digits(self.factor, 4)} times the loads"
 
 
 class LoadReport(NamedTuple):
@@ -84,12 +85,15 @@ class LoadReport(NamedTuple):
             ("load case", self.name),
             ("displacement", f"up to {moved.max():.4g} m (node {int(moved.argmax())})"),
             ("forces", force_words(self.structure, self.forces)),
-            ("reactions", f"up to {held.max():.4g} N (node {int(held.argmax())})"),
+            ("reactions", f"up to {in_digits(held.max(), 4)} N (node {int(held.argmax())})"),
             ("slack cables", ", ".join(map(str, self.slack)) or "none"),
-            ("smallest margin", f"{self.margins[weakest]:.4g}, of {_member(self.structure, weakest)}" if known else ""),
+            (
+                "smallest margin",
+                f"{in_digits(self.margins[weakest], 4)}, of {_member(self.structure, weakest)}" if known else "",
+            ),
             *zip(["by small loads", *[""] * len(self.linear)], (event.words(self.structure) for event in self.linear)),
             *zip(["by growing loads", *[""] * len(self.path)], (event.words(self.structure) for event in self.path)),
-            ("followed", f"up to {self.reached:.4g} times the loads"),
+            ("followed", f"up to {in_digits(self.reached, 4)} times the loads"),
         ]
         return "\n".join(f"{name:<20} {text}" for name, text in lines if text)
 

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from jaxgrity.core.arguments import check_number
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
@@ -70,7 +71,9 @@ def _check_balance(structure: Structure, q: np.ndarray, forces: np.ndarray) -> N
     if slack.size:
         raise InputError(f"force_density: cable {slack[0]} would push; expected positive numbers for cables")
     if not np.abs(left).max(initial=0) <= BALANCED * np.abs(forces).max():
-        raise InputError(f"force_density: {np.abs(left).max():.3g} N are left at a node; expected forces that balance")
+        raise InputError(
+            f"force_density: {in_digits(np.abs(left).max())} N are left at a node; expected forces that balance"
+        )
 
 
 def _at_rest(members: Members | None, nodes: np.ndarray, force_density: np.ndarray) -> Members | None:

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.types import NodeVectors, PerMember
 from jaxgrity.model.structure import Structure, edge_lengths
 
@@ -29,7 +30,7 @@ def force_words(structure: Structure, forces: PerMember) -> str:
     """The least and the largest force of struts and of cables, N, in words."""
     first = structure.first_cable
     kinds = {"struts": forces[:first], "cables": forces[first:]}
-    words = [f"{kind} {f.min():.4g} to {f.max():.4g} N" for kind, f in kinds.items() if f.size]
+    words = [f"{kind} {in_digits(f.min(), 4)} to {in_digits(f.max(), 4)} N" for kind, f in kinds.items() if f.size]
     return f"{', '.join(words)} (tension positive)"
 
 

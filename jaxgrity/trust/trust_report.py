@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxgrity.core.display import aligned, finite_or
+from jaxgrity.core.display import aligned, finite_or, in_digits
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Times
@@ -111,11 +111,12 @@ class TrustReport(NamedTuple):
         rows["error bar of the centre of mass"] = finite_or(facts["error_bar"], "m", UNKNOWN_BAR)
         if self.audit is not None:
             energy = facts["energy"]
-            rows["energy"] = f"work of actuators {energy['actuation']:.4g} J, kinetic at the end "
-            rows["energy"] += f"{energy['kinetic']:.4g} J, change of potential {energy['potential_change']:+.4g} J"
-            lost = ", ".join(f"{cause} {amount:.3g}" for cause, amount in energy["dissipated"].items())
+            change = in_digits(energy["potential_change"], 4)
+            rows["energy"] = f"work of actuators {in_digits(energy['actuation'], 4)} J, kinetic at the end "
+            rows["energy"] += f"{in_digits(energy['kinetic'], 4)} J, change of potential {float(change):+g} J"
+            lost = ", ".join(f"{cause} {in_digits(amount)}" for cause, amount in energy["dissipated"].items())
             rows["dissipated"] = f"{lost} J" if lost else "nothing"
-            rows["energy residual"] = f"{energy['residual']:.2g} J of {energy['turned_over']:.3g} J converted"
+            rows["energy residual"] = f"{energy['residual']:.2g} J of {in_digits(energy['turned_over'])} J converted"
             rows["momentum residual"] = f"{facts['momentum_residual']:.2g} N s, angular "
             rows["momentum residual"] += f"{facts['angular_momentum_residual']:.2g} N m s"
         if facts.get("constraint_residual"):
@@ -126,7 +127,7 @@ class TrustReport(NamedTuple):
         rows["largest strut strain"] = f"{facts['strut_strain']:.2g}"
         if self.sensitivity is not None:
             rate = facts["sensitivity_growth_rate"]
-            growing = f", growing by {rate:.2g} 1/s" if np.isfinite(rate) else ""
+            growing = f", growing by {in_digits(rate, 2)} 1/s" if np.isfinite(rate) else ""
             size = finite_or(facts["sensitivity"], self.sensitivity.unit, "not known, since it is not finite")
             rows["sensitivity at the end"] = f"{size}{growing}"
         lasting = "at least " if facts["predictable_up_to"] >= np.asarray(self.trajectory.times)[-1] else ""

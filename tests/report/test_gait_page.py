@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 import jaxgrity
 from jaxgrity.cli import compare
 from jaxgrity.core.display import significant
-from jaxgrity.report import plot
+from jaxgrity.report import gait_report, plot
 from jaxgrity.report.gait_report import leave_figures, write_page
 from jaxgrity.report.gait_rows import _chosen, distance_words, late_words, leading_sentences, outcome_rows, search_rows
 from jaxgrity.report.orbit_plot import _moving_frame
@@ -55,7 +55,7 @@ ACTUATORS |= {"rate_bound": 1.0, "excess": 0.0}
 
 
 RANKS = ("rank_correlation", "rank_correlation_of_the_evolved")
-LOST = "settle on no orbit that attracts disturbed robots; the chosen one"
+LOST = "settle on no orbit that attracts disturbed robots within 48 periods of actuation; the chosen one"
 ADVICE = "this gait does not last; try another seed, or a longer search"
 
 
@@ -64,11 +64,31 @@ ADVICE = "this gait does not last; try another seed, or a longer search"
     [
         ([0.1, 0.9974], "per cycle 0.1, 0.997; the chosen one has the best fitness"),
         ([np.inf, 0.2], f"per cycle 0.2; 1 of 2 {LOST} is none of these, and has the best fitness"),
-        ([np.inf, np.inf], "orbit that attracts disturbed robots; the chosen one has the best fitness"),
+        (
+            [np.inf, np.inf],
+            "orbit that attracts disturbed robots within 48 periods of actuation; the chosen one has the best fitness",
+        ),
     ],
 )
 def test_a_gait_without_an_orbit_is_not_taken_for_the_next_one(multipliers, told):
     assert _chosen([0.6, 0.5], multipliers)["finalists"].endswith(told)
+
+
+@pytest.mark.parametrize(("settled_after", "shown"), [(0.5, True), (1.5, False)])
+def test_a_motion_that_has_not_settled_is_not_shown_as_an_orbit(exact, monkeypatch, tmp_path, settled_after, shown):
+    """The orbit is found in a longer rollout; where the shown one ends too early, all of it is shown."""
+    begins, pictures = [], []
+    monkeypatch.setattr(gait_report, "leave_figures", lambda found, folder: pictures.extend(found))
+    monkeypatch.setattr(gait_report, "some_frames", lambda trajectory, kept: begins.append(np.argmax(kept)))
+    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
+    steady = {"settled": True, "settled_after": settled_after, "period": 0.4, "periods": 2, "turning": 0.0}
+    times, q = np.linspace(0, 2.0, 21), np.asarray(exact.structure.nodes)[None].repeat(21, 0)
+    zero = jnp.zeros((), int)
+    gait_report.draw_motion(
+        scene, jaxgrity.Trajectory(times, q, 0 * q, zero, zero, zero, "", None), None, steady, tmp_path
+    )
+    assert ("orbit.png" in pictures) is shown
+    assert begins == [12 if shown else 0]
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, -2.5])
@@ -117,7 +137,7 @@ def test_a_cycle_must_be_within_the_motion(exact):
 
 def test_the_rows_say_what_a_gait_is_worth():
     """Speed first, then for how long, turning, stability, both models of contact, and what actuators must give."""
-    known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0}
+    known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0, "duration": 40.0}
     known |= {"robust": {"robots": 128}}
     rows = outcome_rows(known)
     strained = outcome_rows({**known, "beyond_bounds": 0.2})["actuators need"]
@@ -156,9 +176,13 @@ def test_the_rows_say_what_a_gait_is_worth():
     assert rows["actuators need"].endswith("d along the path)")
     wandering = outcome_rows({**known, "steady": {**STEADY, "settled": False}})["actuators need"]
     assert wandering.endswith("cost of transport 5.4 (work of every actuator / (m g d), d from the start)")
-    robots = {name: {"mean": 0.6, "standard_deviation": 0.1} for name in ("robust", "other_contact_model")}
+    along = {"mean": 0.6, "standard_deviation": 0.1, "standard_error": 0.01}
+    robots = {"robust": along, "other_contact_model": {**along, "standard_error": None, "failed": 2}}
     uphill = steady_rows({**STEADY, "along_heading": {"heading": 3.1, "speed": 0.67, **robots}})
-    assert uphill["along its heading"].startswith("0.670 m/s, horizontally; perturbed robots 0.600 (standard deviation")
+    assert uphill["along its heading"] == (
+        "0.670 m/s, horizontally; perturbed robots 0.60 ± 0.02 m/s (standard deviation 0.1), "
+        "on the other contact model 0.600 m/s (error not known) (standard deviation 0.1; 2 robots failed)"
+    )
     small = steady_rows({**STEADY, "verified_for": 8.44, "settled_after": 0.32, "period": 0.05, "periods": 1})
     assert small["lasts"].startswith("watched for 8.4 s; settles after 0.32 s")
     assert small["cycle"].startswith("0.0500 s, 1 period of actuation")
@@ -168,26 +192,48 @@ def test_the_rows_say_what_a_gait_is_worth():
     alike = steady_rows({**STEADY, "robust": {**STEADY["robust"], **one}})["both contact models"]
     assert alike.startswith("0.824 m/s over one robot, as nothing is uncertain; 0.81")
     lost = steady_rows({**STEADY, "settled": False, "residual": 0.3})
-    assert lost == {"orbit": f"none: the shape still changes by 0.3 m over a cycle; {ADVICE}"}
+    assert lost == {
+        "orbit": f"none: in the later half of 299 s the shape changes by up to 0.3 m over a cycle; {ADVICE}"
+    }
     turning = steady_rows({**STEADY, "settled": False, "residual": 0.02, "turning": 0.1})
     assert turning == {"orbit": f"none: the robot turns by 5.7 °/s; on a slope or in wind no orbit turns; {ADVICE}"}
     failed = steady_rows({**STEADY, "settled": False, "residual": np.inf, "verified_for": 0.0})
     assert failed == {"orbit": f"none: the rollout failed; {ADVICE}"}
 
 
+def test_what_is_measured_before_the_orbit_is_not_told_as_on_it():
+    """Loads in the search's duration, and speeds of robots within a minute: an orbit may be reached later."""
+    early = steady_rows({**STEADY, "robust": {**STEADY["robust"], "counted_from": 14.0}})["both contact models"]
+    assert "over 128 perturbed robots from 14 s on, before the gait settles; 0.81" in early  # it settles after 14.8 s
+    known = {"actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0, "duration": 40.0}
+    told = outcome_rows({**known, "steady": {**STEADY, "settled_after": 39.0}})["actuators need"]
+    assert told.startswith("up to 275 N, 0.99 m/s, 143 W in the first 40 s, before a whole cycle of the orbit; cost")
+
+
 def test_the_rows_say_who_is_beyond_a_bound():
     """The gait itself, by how much, and which share of perturbed robots."""
-    known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0}
+    known = {"steady": STEADY, "actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0, "duration": 40.0}
     known |= {"robust": {"robots": 128}}
     lost = {**known, "within_bounds": False, "beyond_bounds": 1.0, "actuators": {**ACTUATORS, "excess": 0.1234}}
     told = outcome_rows(lost)["actuators need"]
     assert told.endswith(
         "; this exceeds its bounds by 12 %, added up over them; 100 % of perturbed robots exceed a bound on actuators"
     )
+    strong = {**lost, "actuators": {"peak_force": 1234.0, "peak_rate": 123.4, "peak_power": 99990.0, "excess": 2.345}}
+    strong["actuators"] |= {"cost_of_transport_by_effort": 123.4, "rate_bound": 1.0}
+    told = outcome_rows({**strong, "steady": {**STEADY, "settled": False}})["actuators need"]
+    assert told.startswith("up to 1230 N, 120 m/s, 100000 W; cost of transport 120 (")
+    assert "exceeds its bounds by 230 %" in told
+    assert compare.COLUMNS["peak N, m/s, W"](strong) == "1230, 120, 100000"
     alone = outcome_rows({**lost, "robust": {"robots": 1}})["actuators need"]
     assert alone.endswith("; this exceeds its bounds by 12 %, added up over them")
     assert compare.COLUMNS["beyond a bound"](lost) == "itself, and 100 % of robots"
     assert compare.COLUMNS["beyond a bound"](known) == "0 % of robots"
+
+
+def test_seconds_of_a_resumed_search_are_those_since_then():
+    told = [compare.COLUMNS["seconds"]({"wall_seconds": 61.4, "settings": {"resume": each}}) for each in (False, True)]
+    assert told == ["61", "61 since resumed"]
 
 
 def test_the_row_of_the_objective_says_that_a_gait_is_late():
@@ -195,7 +241,10 @@ def test_the_row_of_the_objective_says_that_a_gait_is_late():
     robots = {**STEADY["robust"], "step_error": 1e-3}
     known = {"steady": None, "robust": robots, "other_contact_model": robots, "directions": []}
     known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [0, 7]}]}
-    known |= {"fidelity": {"levels": [{"name": "both models"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
+    known |= {
+        "fidelity": {"levels": [{"name": "screening"}, {"name": "both models"}], **{name: [[1.0]] for name in RANKS}},
+        "polish": None,
+    }
     known |= {"finalists": {"fitness": [1.0], "multipliers": None}, "diagnosis": {}, "ramp": 1.0}
     row = lambda objective, **when: search_rows({**known, **when}, None, objective)["objective"]  # noqa: E731
     late = row(jaxgrity.SteadySpeed(), start=10.0, duration=20.0)
@@ -243,7 +292,10 @@ def test_the_rows_say_how_sure_each_direction_is():
     known = {"steady": None, "robust": robots, "other_contact_model": robots}
     known |= {"directions": [way, {**way, "heading": -1e-3}, lost]}
     known |= {"searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [0, 7]}]}
-    known |= {"fidelity": {"levels": [{"name": "both models"}], **{name: [[1.0]] for name in RANKS}}, "polish": None}
+    known |= {
+        "fidelity": {"levels": [{"name": "screening"}, {"name": "both models"}], **{name: [[1.0]] for name in RANKS}},
+        "polish": None,
+    }
     known |= {"finalists": {"fitness": [0.732], "multipliers": None}, "diagnosis": {}, "start": 1.0, "ramp": 1.0}
     known |= {"distance": 1.75, "error_bar": 0.003, "duration": 8.0}
     rows = search_rows(known, None, jaxgrity.Distance())
@@ -253,14 +305,18 @@ def test_the_rows_say_how_sure_each_direction_is():
     assert rows["sensitivity at the end"] == "not known"
     assert rows["search"].startswith("64 rollouts of the evolution; ")
     assert rows["fitness"] == (
-        "0.824 m, best of the last generation, by the draws that chose it; 0.732 m, the chosen finalist, by fresh ones "
-        "that compare finalists (both models)"
+        "0.824 m, best of the last generation (screening), by the draws that chose it; 0.732 m, the chosen finalist, "
+        "by fresh ones that compare finalists (both models)"
     )
     strained = {**known, "searches": [{"rollouts": 64, "best": [0.5, 0.824], "within": [7, 0]}]}
     told = search_rows(strained, None, jaxgrity.Straightness())["fitness"]
-    assert told.startswith("0.824, best of the last generation, of gaits beyond their bounds, by the draws")
+    assert told.startswith("0.824, best of the last generation (screening), of gaits beyond their bounds, by the draws")
     assert "; 0.600 m on the other" in rows["objective"]
     assert "differs by 0.0025 m between two time steps, one half of the other;" in rows["objective"]
+    fewer = {**known, "robust": {**robots, "robots": 256}, "other_contact_model": {**robots, "robots": 128}}
+    told = search_rows(fewer, None, jaxgrity.Distance())["objective"]
+    assert told.startswith("0.600 m over 256 perturbed robots, ")
+    assert told.endswith("; 0.600 m over 128 perturbed robots on the other contact model")
     fallen = {**known, "robust": {**robots, "step_error": np.nan}}
     told = search_rows(fallen, None, jaxgrity.Distance())["objective"]
     assert "differs by an unknown amount between two time steps" in told
@@ -268,16 +324,21 @@ def test_the_rows_say_how_sure_each_direction_is():
 
 def test_sentences_say_what_to_know_first():
     """How fast and straight, how sure, what actuators must give; without an orbit how far, or that there is none."""
-    needs = "An actuator gives up to 275 N, 0.99 m/s and 143 W."
+    needs = "An actuator needs up to 275 N, 0.99 m/s and 143 W."
     known = {"steady": {**STEADY, "body_length": 1.0, "turning": -0.1}, "actuators": ACTUATORS}
+    sure = leading_sentences({**known, "steady": {**STEADY, "turning": -1e-3}})[0]
+    assert sure.endswith("turns by 0.1 ± 0.2° per body length.")  # to a side that is not known
     assert leading_sentences(known) == (
-        "The robot moves at 0.886 ± 0.004 body lengths per second and turns by 6.5 ± 0.2° per body length.",
+        "The robot moves at 0.886 ± 0.004 body lengths per second and turns by 6.5 ± 0.2° per body length to the "
+        "right.",
         "The speed of 128 perturbed robots is 0.82 ± 0.02 m/s (standard deviation 0.14), and on the other contact "
         "model 0.81 ± 0.03 m/s (standard deviation 0.18).",
         needs,
     )
     on_the_spot = {**known["steady"], "body_lengths_per_second": 0.0, "speed_error_bar": 1e-4, "turning": -0.5}
-    told = "The robot moves at 0.0000 ± 0.0001 body lengths per second and turns by 28.6 ± 0.2° per second."
+    told = (
+        "The robot moves at 0.0000 ± 0.0001 body lengths per second and turns by 28.6 ± 0.2° per second to the right."
+    )
     assert leading_sentences({**known, "steady": on_the_spot})[0] == told
     lost = {**known, "steady": {**STEADY, "settled": False}}
     assert leading_sentences(lost) == (f"The robot settles on no orbit: {ADVICE}.", needs)
@@ -320,7 +381,7 @@ def test_a_small_robot_has_as_many_digits(size):
     for name, mean in (("robust", "mean"), ("other_contact_model", "speed")):
         scaled = (mean, "standard_deviation", "standard_error")
         small[name] = {**STEADY[name], **{each: size * STEADY[name][each] for each in scaled}}
-    along = {"mean": 0.8 * size, "standard_deviation": 0.1 * size}
+    along = {"mean": 0.8 * size, "standard_deviation": 0.1 * size, "standard_error": None}
     small["along_heading"] = {"speed": 0.81 * size, "robust": along, "other_contact_model": along}
     rows = steady_rows(small)
     told = {
@@ -331,7 +392,7 @@ def test_a_small_robot_has_as_many_digits(size):
     assert rows["speed"] == f"{speed} m/s (0.886 body lengths/s)"
     assert rows["lasts"].endswith(f"after that: {slowest} m/s")
     assert rows["along its heading"].startswith(
-        f"{headed} m/s, horizontally; perturbed robots {significant(0.8 * size)} ("
+        f"{headed} m/s, horizontally; perturbed robots {significant(0.8 * size)} m/s ("
     )
     assert rows["both contact models"].startswith(f"{robots} m/s (standard deviation {0.14 * size:.2g})")
     found = {"distance": 0.5 * size, "error_bar": size, "duration": 8.0}

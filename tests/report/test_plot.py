@@ -5,6 +5,7 @@ import itertools
 from types import SimpleNamespace
 from unittest.mock import Mock
 
+import jax
 import matplotlib
 import numpy as np
 import pytest
@@ -168,6 +169,27 @@ def test_titles_and_legends_cover_nothing():
         assert all(one.x1 < other.x0 for one, other in itertools.pairwise(titles))
         (legend,) = figure.legends
         assert not any(legend.get_window_extent().overlaps(axes.bbox) for axes in figure.axes)
+
+
+def test_gaits_that_are_not_shown_are_counted():
+    """On any level: beyond a bound, NaN, or with a robot that failed, -inf."""
+    worth, known = np.full((2, 8), 0.5), np.eye(2)
+    worth[0, 1:3], worth[1, 3], worth[1, 1] = np.nan, -np.inf, -np.inf
+    figure = plot.fidelity_figure(("screening", "own"), worth, 3, (known, known), "m")
+    told = "not shown: 2 gaits beyond the actuators' bounds, 1 gait of which a robot failed"
+    assert figure.get_supxlabel() == told
+
+
+def test_polish_shows_one_actuator_before_and_after():
+    """Where a search chooses members, the result lacks those that are idle, and others come first."""
+    rows, gait = np.array([2, 4]), jaxgrity.load_gait("fast")
+    gait = dataclasses.replace(gait, amplitude=np.linspace(0.1, 0.4, len(gait.members)))
+    moving = jax.tree.map(lambda x: np.asarray(x)[rows] if np.ndim(x) else x, gait)
+    moving = dataclasses.replace(moving, members=tuple(gait.members[k] for k in rows))
+    figure = plot.polish_figure(gait, moving, [0.5], "m", (3.25, 6.5))
+    before, after, *_ = figure.axes[0].lines
+    assert figure.axes[1].get_title() == "in rollouts of 3.25 s, then 6.5 s"
+    np.testing.assert_array_equal(before.get_ydata(), after.get_ydata())
 
 
 def test_what_has_no_unit_is_shown_without():

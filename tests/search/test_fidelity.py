@@ -275,6 +275,7 @@ def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatc
         "mean": other.mean(),
         "standard_deviation": other.std(),
         "standard_error": other.reshape(2, -1).mean(0).std(ddof=1) / np.sqrt(2),
+        "robots": 4,
         "failed": 0,
     }
 
@@ -286,6 +287,7 @@ def test_robots_that_failed_are_counted_and_not_in_the_mean():
     some, all_fell = (scored(np.array([each]), 0.5) for each in ([1.0, np.nan, 3.0, 2.0], 4 * [np.nan]))
     summary = Verdict(verified, some, 4e-3, np.nan, all_fell, 0.0).summary()
     told = {"mean": 2.0, "standard_deviation": np.std([1, 3, 2]), "standard_error": None, "failed": 1}
+    told |= {"tenth_percentile": np.quantile([1, 3, 2], 0.1), "robots": 4}
     assert {name: summary["robust"][name] for name in told} == told
     assert summary["other_contact_model"]["failed"] == 4
     assert np.isnan(summary["other_contact_model"]["mean"])

@@ -200,17 +200,24 @@ def test_genes_of_another_genome_are_refused(swimmer, rows):
         polish(SearchProblem(swimmer, Genome(2), 4.0, ROBUST), rows, SMALL)
 
 
-def test_a_polished_gait_whose_orbit_repels_is_not_kept(swimmer, monkeypatch):
-    """The reason says so once, with digits that tell the multipliers from 1."""
-    monkeypatch.setattr("jaxgrity.search.polish.multipliers_of", lambda *_: np.array([1.6]))
+@pytest.mark.parametrize(
+    ("multiplier", "said"),
+    [
+        (1.6, "an orbit that multiplies a disturbance in one cycle by 1.6, the start on one with 0.997"),
+        (1234.0, "an orbit that multiplies a disturbance in one cycle by 1200, the start on one with 0.997"),
+        (np.inf, "no orbit that attracts disturbed robots within 48 periods of actuation, the start on one with 0.997"),
+    ],
+)
+def test_a_polished_gait_whose_orbit_repels_is_not_kept(swimmer, monkeypatch, multiplier, said):
+    """The reason says so once, with digits that tell the multipliers from 1, and how long an orbit was looked for."""
+    monkeypatch.setattr("jaxgrity.search.polish.multipliers_of", lambda *_: np.array([multiplier]))
     problem, level = SearchProblem(swimmer, Genome(2), 4.0, Fitness()), FidelityLevel("", swimmer, 1e-2, "float64")
     start, worth = np.zeros(2), scored(np.zeros((1, 1)), 0.0)
     promoted = Promoted(start[None], worth, np.array([0.9974]), False, None)
     better = Polished(start + 0.5, problem.genome, True, worth, worth, (), 4.0, None, 8, f"up by 0.1: {KEPT}")
     found = kept_or_undone(problem, ActuatorBounds(), FidelityLevels(*(level,) * 4), promoted, start, better)
     np.testing.assert_array_equal(found.genes, start)
-    said = "its orbit multiplies a disturbance in one cycle by 1.6, not 0.997"
-    assert found.reason == f"up by 0.1; but {said}: the gait is kept as it was"
+    assert found.reason == f"up by 0.1; but it settles on {said}: the gait is kept as it was"
 
 
 @pytest.mark.parametrize(
@@ -311,7 +318,7 @@ def test_polish_on_the_orbit_needs_one(rolling, monkeypatch):
     """Where the robot settles on none, the reason says so, and the gait is kept as it was."""
     monkeypatch.setattr("jaxgrity.orbits.finding.SETTLED", 0.0)
     result = on_orbit(rolling, 200)
-    assert result.reason == "the robot settles on no orbit"
+    assert result.reason == "the robot settles on no orbit within 48 periods of actuation"
     assert not result.steps
     np.testing.assert_array_equal(result.genes, rolling.genes)
 

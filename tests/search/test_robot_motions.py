@@ -41,15 +41,16 @@ def test_speeds_are_those_along_paths(exact, monkeypatch, duration):
     scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
     found = jaxgrity.search.robot_motions(scene, FRICTION, robots=4, duration=duration)
     size = float(jaxgrity.model.body_length(scene))
-    np.testing.assert_allclose(found.speed, [0.1, 0.1, 0.1, 0.0], rtol=1e-6)
+    np.testing.assert_allclose(found.speed, [0.1, 0.1, 0.1, np.nan], rtol=1e-6)
     np.testing.assert_allclose(found.bend, [0.0, 5.0 * size, -1.0 * size, np.nan], rtol=1e-6, atol=1e-7)
-    np.testing.assert_allclose(np.hypot(*found.velocity.T)[[0, 3]], [0.1, 0.0], rtol=1e-6)
+    np.testing.assert_allclose(np.hypot(*found.velocity.T)[[0, 3]], [0.1, np.nan], rtol=1e-6)
     _, whole = module.whole_cycles(scene, duration, float(1 / scene.gait.frequency[0]))
     assert duration <= whole < duration + 10.0
+    assert found.counted_from == whole / 4
     turned = 0.5 * 0.75 * whole
     np.testing.assert_allclose(np.hypot(*found.velocity[1]), 0.1 * abs(np.sinc(turned / 2 / np.pi)), rtol=1e-5)
     facts = found.summary()
-    assert facts["speed"] == pytest.approx(0.075)
+    assert facts["speed"] == pytest.approx(0.1)
     assert facts["bend"] == pytest.approx(0.0, abs=1e-7)
     assert facts["robots"] == 4
 
@@ -105,11 +106,26 @@ def test_swaying_on_a_circle_is_no_speed(exact, monkeypatch, swings):
 
 
 def test_all_may_fail(exact, monkeypatch):
-    """Their speed is 0, and no bend is known."""
+    """Then neither their speed nor their bend is known."""
     monkeypatch.setattr(module, "ensembles_rolled_out", arcs([0.1, 0.1], [2, 1]))
     scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
     facts = jaxgrity.search.robot_motions(scene, FRICTION, robots=2, duration=24.0).summary()
-    assert (facts["speed"], facts["bend"], facts["bend_quartiles"], facts["failed"]) == (0.0, None, [None, None], 2)
+    assert (facts["bend"], facts["bend_quartiles"], facts["failed"], facts["robots"]) == (None, [None, None], 2, 2)
+    assert np.isnan([facts["speed"], facts["standard_deviation"], facts["displacement"]]).all()
+
+
+def test_robots_that_failed_do_not_count_as_robots_that_stand(exact, monkeypatch):
+    """They are counted, and left out of all means, as in a search's verdict; with them, the mean's error is lost."""
+    monkeypatch.setattr(module, "ensembles_rolled_out", arcs([0.1, 0.1, 0.1, 0.1], [0, 0, 1, 0]))
+    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
+    found = jaxgrity.search.robot_motions(scene, FRICTION, robots=4, duration=24.0)
+    whole, facts = found.speed[0], found.summary()
+    np.testing.assert_array_equal(np.isnan(found.speed), [False, False, True, False])
+    np.testing.assert_array_equal(np.isnan(found.velocity).any(1), [False, False, True, False])
+    assert (facts["failed"], facts["robots"], facts["standard_error"]) == (1, 4, None)
+    assert facts["speed"] == pytest.approx(whole)
+    assert facts["standard_deviation"] < 1e-6 * whole
+    assert 0 < facts["displacement"] <= whole * (1 + 1e-6)
 
 
 def test_robots_differ_by_what_is_uncertain(swimmer):
