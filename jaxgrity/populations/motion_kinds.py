@@ -27,7 +27,7 @@ HOPPING = 0.1
 """A robot hops if it is in the air for more than this fraction of the time."""
 STAYING = 0.1
 """A robot stays if its path is less wide than this share of its diameter."""
-ROUND = 0.5
+GOES_ROUND = 0.5
 """A robot goes round if its centre sweeps, on balance in one direction, over this share of the disc about its path."""
 COMING_BACK = 0.25
 """A robot comes and goes if the end and the mean of the later half of its path are within this share of its width."""
@@ -105,7 +105,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
 
     - "hops": the robot is in the air for more than `HOPPING` of the time.
     - "stays": its path is less than `STAYING` diameters wide.
-    - "turns on the spot": its path is less than a diameter wide and goes round (`ROUND`), over more than one face.
+    - "turns on the spot": its path is less than a diameter wide and goes round (`GOES_ROUND`), over more than one face.
     - "rocks": its path is less than a diameter wide. It returns to an earlier face or place (`COMING_BACK`).
     - "slides": it changes face less than once for each diameter of its way, without balls that grip.
     - "rolls": all else, straight on or in circles.
@@ -220,7 +220,7 @@ def name_of_motion(
         return "hops"
     if wide < STAYING:
         return "stays"
-    goes_round = _swept(path) > ROUND * np.pi * wide**2 / 4
+    goes_round = _swept(path) > GOES_ROUND * np.pi * wide**2 / 4
     if wide < 1 and rolls > 0 and goes_round:
         return "turns on the spot"
     if wide < 1 and (len(set(supports)) < len(supports) or (_further(path) < COMING_BACK * wide and not goes_round)):

@@ -13,7 +13,7 @@ from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone, peak_rates, ramp_rates, waves_ahead
-from jaxgrity.model.waves import TravellingWave
+from jaxgrity.model.gait_waves import TravellingWave
 from jaxgrity.populations.population import gaits_of
 
 Genes = Float[AnyArray, "*population genes"]

@@ -12,9 +12,9 @@ from jaxgrity.core.arguments import check_count, check_number, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait, actuated_lengths
+from jaxgrity.model.gait_waves import travelling_waves
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.symmetry import gene_permutations, standing_symmetries
-from jaxgrity.model.waves import travelling_waves
 from jaxgrity.orbits.finding import period_of
 from jaxgrity.populations.uncertainty import Differences, Uncertainty, check_strokes, differing, slackened
 from jaxgrity.search.cma_es import fewest
