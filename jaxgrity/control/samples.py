@@ -223,6 +223,7 @@ def costs(path: np.ndarray, failed: np.ndarray, way: Way, sampling: Sampling) ->
     there, first = near.any(0), near.argmax(0)
     close = np.maximum(way.reach + cast(float, sampling.margin) - room(way.discs, path), 0)
     before = np.arange(len(path))[:, None, None] <= np.where(there, first, len(path))
+    # what a copy would touch after its arrival does not count: the journey ends there
     touching = (close * before).max(0)
     arrives = there & (touching == 0)
     worth = np.where(arrives, first / sampling.per_second - ARRIVING, way.to_go(path[-1]) + TOO_CLOSE * touching)

@@ -194,6 +194,7 @@ def _lowest(heights: np.ndarray, margin: float) -> np.ndarray:
     """The lowest of the faces (frames, faces) in each frame, (frames,); a new one only if lower by the margin, m."""
     lowest = heights.argmin(1)
     for k in range(1, len(lowest)):
+        # of faces that are equally low the earlier one stays, or rounding would look like rolling
         if heights[k, lowest[k - 1]] <= heights[k, lowest[k]] + margin:
             lowest[k] = lowest[k - 1]
     return lowest
@@ -236,6 +237,7 @@ def width(path: np.ndarray) -> float:
 
 def _swept(path: np.ndarray) -> float:
     """The area swept by the line from a path's middle to its end, to the left less to the right."""
+    # about its middle: about another point a straight path would sweep an area, too
     (x, y), (dx, dy) = (path[:-1] - (path.min(0) + path.max(0)) / 2).T, np.diff(path, axis=0).T
     return abs(float(np.sum(x * dy - y * dx))) / 2
 
