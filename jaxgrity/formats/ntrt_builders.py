@@ -12,6 +12,7 @@ CABLES = (
     "tgKinematicActuatorInfo",
     "tgKinematicContactCableInfo",
 )
+"""Builders of cables in NTRT."""
 WRAPPING = ("tgBasicContactCableInfo", "tgKinematicContactCableInfo")
 """Builders of strings that bodies deflect."""
 RIGID_BUILDERS = ("tgRodInfo", "tgBoxInfo")

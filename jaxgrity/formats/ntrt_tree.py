@@ -16,7 +16,9 @@ from jaxgrity.formats.ntrt_builders import NTRT_BUILDERS, RIGID_BUILDERS, Builde
 from jaxgrity.formats.yaml_text import parse_yaml, with_line
 
 KEYS = ("nodes", "pair_groups", "builders", "substructures", "bond_groups")
+"""Keys of a structure file."""
 CHILD_KEYS = ("path", "rotation", "translation", "scale", "offset")
+"""Keys of a structure within another one."""
 MOST_FILES = 300
 """Most files read for one structure. A file that is read twice counts twice."""
 DEEPEST = 20

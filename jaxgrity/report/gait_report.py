@@ -50,6 +50,7 @@ PICTURES = {
     "members.png": "lengths of all members",
     "forces.png": "forces in all members",
 }
+"""Pictures of the page, and their captions."""
 FILES = ("trajectory.npz", "index.html", REPLAY, *PICTURES)
 """Names of the files that `write_report` leaves, beside those of the search itself."""
 STYLE = (
@@ -59,6 +60,7 @@ STYLE = (
     "@media(max-width:40rem){th,td{display:block}}"
     "iframe{width:100%;height:34rem;border:1px solid #ddd}"
 )
+"""CSS of the page: readable on a phone, too."""
 
 
 VIEWPORT = '<meta name="viewport" content="width=device-width, initial-scale=1">'

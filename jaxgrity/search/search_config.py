@@ -35,6 +35,7 @@ NO_GAIT = (
     'the scene has no [gait]; expected one to begin from, such as [gait] members = "struts", amplitude = 0.3, '
     "frequency = 0.8, phase = { seed = 1 }"
 )
+"""Message for a scene that a search cannot begin from."""
 FINAL_ROBOTS = 128
 """Most robots that judge what polishing gained: the verdict, which follows, takes more."""
 COMPARED = 16

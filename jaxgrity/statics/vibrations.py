@@ -22,6 +22,7 @@ DENSE = 450
 BELOW = 1e-7
 """Shift below the lowest mode, as a share of the largest squared frequency, where no mode grows."""
 EPS = float(np.finfo(float).eps)
+"""Relative rounding of a number."""
 LOWEST = 30
 """Default number of lowest modes where not all are computed."""
 
