@@ -9,6 +9,7 @@ import warnings
 from importlib import import_module, metadata
 
 from jaxgrity.core.errors import unknown
+from jaxgrity.core.moved_names import MOVED, RENAMED, REPLACED
 from jaxgrity.core.public_names import public_names
 
 _found, _, _names = public_names(__name__, __file__)
@@ -27,11 +28,6 @@ SUB_PACKAGES = (
 )
 """Sub-packages that have public names."""
 __all__ = [name for name in _names if name not in SUB_PACKAGES]
-RENAMED = {"Motors": "MotorLimits", "SearchState": "EvolutionState", "Wave": "TravellingWave"}
-"""Names that were at the top, with the names that they have in their sub-packages."""
-NEVER_HERE = ("Body", "Judging", "MotorLimits", "TravellingWave", "body_moments", "genome_to_polish", "load_trajectory")
-NEVER_HERE += ("reach_of", "rigid_body", "statics_of")
-"""Names that only sub-packages have had."""
 
 
 def __getattr__(name: str):
@@ -39,13 +35,16 @@ def __getattr__(name: str):
         return metadata.version(__name__)
     if name in _names or name.startswith("_"):
         return _found(name)
+    if name in REPLACED:
+        raise AttributeError(f"{__name__}.{name}: expected {__name__}.{REPLACED[name]}")
     now = RENAMED.get(name, name)
     rooms = {each: room for room in SUB_PACKAGES for each in import_module(f"{__name__}.{room}").__all__}
-    if name in NEVER_HERE:
-        raise AttributeError(f"{__name__}.{name}: expected {__name__}.{rooms[name]}.{name}")
     if now not in rooms:
         raise AttributeError(f"{__name__}.{name}: {unknown(name, [*_names, *rooms])}")
-    moved = f"{__name__}.{name} is {__name__}.{rooms[now]}.{now} now; the short name goes with the next release"
+    place = f"{__name__}.{rooms[now]}.{now}"
+    if name not in MOVED and name not in RENAMED:
+        raise AttributeError(f"{__name__}.{name}: expected {place}")
+    moved = f"{__name__}.{name} is {place} now; the short name goes with the next release"
     warnings.warn(moved, DeprecationWarning, stacklevel=2)
     # kept, so that `from jaxgrity import name`, which asks twice, warns once
     globals()[name] = getattr(import_module(f"{__name__}.{rooms[now]}"), now)

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import jaxgrity
+from jaxgrity.core.moved_names import MOVED, RENAMED, REPLACED
 
 PACKAGE = Path(jaxgrity.__file__).parent
 TEXTS = {str(path.relative_to(PACKAGE)): path.read_text() for path in sorted(PACKAGE.rglob("*.py"))}
@@ -167,6 +168,13 @@ def test_names_that_moved_warn_and_are_there():
     assert len(warned) == 1
 
 
+def test_each_name_of_the_last_release_leads_somewhere():
+    """In a sub-package, by its name or another; or to what does the same now, which need not be in one."""
+    in_rooms = {name for package in STUBS if package != "jaxgrity" for name in names_listed(package)}
+    assert (MOVED | set(RENAMED.values())) <= in_rooms
+    assert all(attrgetter(place)(jaxgrity) for place in REPLACED.values())
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [
@@ -174,6 +182,8 @@ def test_names_that_moved_warn_and_are_there():
         ("simulat", "unknown; perhaps you meant simulate"),
         ("find_orbt", "unknown; perhaps you meant find_orbit"),
         ("MotorLimits", "jaxgrity.MotorLimits: expected jaxgrity.control.MotorLimits"),
+        ("least_mass", "jaxgrity.least_mass: expected jaxgrity.statics.least_mass"),
+        ("equilibrium", "jaxgrity.equilibrium: expected jaxgrity.statics.resting_shape"),
         ("control.Steerd", "jaxgrity.control.Steerd: unknown; perhaps you meant Steered"),
     ],
 )

@@ -22,7 +22,7 @@ from jaxgrity.model.symmetry import image, symmetries
 
 REST = "rest"
 """Name of the gait that does nothing."""
-SAME = 1e-6
+SAME_GAIT = 1e-6
 """Largest difference, in radians or as a fraction, between gaits that count as the same."""
 
 
@@ -158,7 +158,7 @@ def _with_overtones(gait: Gait, harmonics: int) -> Gait:
 def _later(one: Gait, other: Gait) -> bool:
     """Whether one gait is the other at another time."""
     same = all(
-        np.allclose(a, b, rtol=0, atol=SAME)
+        np.allclose(a, b, rtol=0, atol=SAME_GAIT)
         for a, b in [
             (one.amplitude, other.amplitude),
             (one.frequency, other.frequency),
@@ -168,4 +168,4 @@ def _later(one: Gait, other: Gait) -> bool:
     shift = one.phase[0] - other.phase[0]
     pairs = [(one.phase, other.phase), *((p.phase, q.phase) for p, q in zip(one.overtones, other.overtones))]
     turned = [np.exp(1j * (a - b - h * shift)) for h, (a, b) in enumerate(pairs, start=1)]
-    return same and all(np.allclose(turn, 1, rtol=0, atol=SAME) for turn in turned)
+    return same and all(np.allclose(turn, 1, rtol=0, atol=SAME_GAIT) for turn in turned)

@@ -25,7 +25,7 @@ from jaxgrity.io.files import found_file, shipped, write_whole
 from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.simulate import Trajectory
 
-WIDEST = 5.0
+LARGEST_SEEN = 5.0
 """Largest observation that a network sees, in standard deviations of training: one bad reading drowns no other."""
 
 Acting = Callable[[AnyArray], AnyArray]
@@ -53,7 +53,9 @@ class Learned(eqx.Module):
 
 def standardised(policy: Learned, observation: AnyArray) -> jax.Array:
     """What the network sees of an observation."""
-    return jnp.clip((observation - policy.mean) / policy.deviation, -WIDEST, WIDEST).astype(policy.mean.dtype)
+    return jnp.clip((observation - policy.mean) / policy.deviation, -LARGEST_SEEN, LARGEST_SEEN).astype(
+        policy.mean.dtype
+    )
 
 
 def untrained(environment: Environment, key: Any, width: int, depth: int, held: int) -> Learned:

@@ -18,7 +18,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.solids import Box, Cylinder, Sphere
 from jaxgrity.model.surface import Slope
 
-STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
+GRID_STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 """Steps on a grid in 8 directions. With their opposites, ways are at most 2.8 % longer than straight ones."""
 CLOSE = 8.0
 """Factor on the length of a way along which the robot would just touch an obstacle."""
@@ -165,7 +165,7 @@ class WayMap(NamedTuple):
         here = np.rint((np.asarray(start) - self.corner) / self.spacing).astype(int)
         here = np.clip(here, 0, np.array(self.distance.shape) - 1)
         found = [np.asarray(start, float)]
-        steps = np.array([*STEPS, *(tuple(-k for k in step) for step in STEPS)])
+        steps = np.array([*GRID_STEPS, *(tuple(-k for k in step) for step in GRID_STEPS)])
         while np.isfinite(self.distance[tuple(here)]) and self.distance[tuple(here)] > 0:
             near = here + steps
             near = near[((near >= 0) & (near < self.distance.shape)).all(1)]
@@ -259,7 +259,7 @@ def way_map(
 def _links(number: np.ndarray, weight: np.ndarray, spacing: float) -> csr_matrix:
     """The length of each step between points of the grid, m, by their numbers; each metre counts with its weight."""
     ends, costs = [], []
-    for step in STEPS:
+    for step in GRID_STEPS:
         a, b = _shifted(number, step)
         cost = spacing * np.hypot(*step) * (weight.ravel()[a] + weight.ravel()[b]) / 2
         ends.append(np.stack([a, b])[:, np.isfinite(cost)])

@@ -22,7 +22,7 @@ from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.dynamics import centre_of_mass
 
-TOUCHING = 100.0
+TOO_CLOSE = 100.0
 """Length added to a way for each metre by which the robot comes too close to an obstacle, m."""
 ARRIVING = 1000.0
 """Number taken off the seconds of a way that reaches the goal and touches nothing: it beats all that do not."""
@@ -213,7 +213,7 @@ def costs(path: np.ndarray, failed: np.ndarray, way: Way, sampling: Sampling) ->
     """(samples,), m: the way left at the horizon, the mean of the copies' mean and worst.
 
     A copy that arrives clear of obstacles costs its seconds until then, less `ARRIVING`. It arrives at half of
-    `within`, m, since the robot is not the model. One too close to an obstacle costs `TOUCHING` times the missing
+    `within`, m, since the robot is not the model. One too close to an obstacle costs `TOO_CLOSE` times the missing
     distance, wherever it ends. `path` (looks, 2, copies, samples), m; a copy that `failed`, (copies, samples), costs
     `FAILING`. `within` and `margin` are lengths here.
     """
@@ -223,8 +223,9 @@ def costs(path: np.ndarray, failed: np.ndarray, way: Way, sampling: Sampling) ->
     there, first = near.any(0), near.argmax(0)
     close = np.maximum(way.reach + cast(float, sampling.margin) - room(way.discs, path), 0)
     before = np.arange(len(path))[:, None, None] <= np.where(there, first, len(path))
+    # what a copy would touch after its arrival does not count: the journey ends there
     touching = (close * before).max(0)
     arrives = there & (touching == 0)
-    worth = np.where(arrives, first / sampling.per_second - ARRIVING, way.to_go(path[-1]) + TOUCHING * touching)
+    worth = np.where(arrives, first / sampling.per_second - ARRIVING, way.to_go(path[-1]) + TOO_CLOSE * touching)
     worth = np.where(failed, FAILING, worth)
     return np.asarray((worth.mean(0) + worth.max(0)) / 2)

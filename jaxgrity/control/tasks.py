@@ -22,7 +22,7 @@ REACHED = 0.3
 """Default distance from a goal within which it counts as reached, m for a robot of one metre."""
 DROP = 1.0, 2.0
 """Standard deviations of velocity (m/s) and spin (rad/s) of a robot that has been dropped, for a robot of one metre."""
-CLEAR = 0.02
+CLEAR_BY = 0.02
 """Gap between the ground and the lowest node at the start, m for a robot of one metre."""
 BUMPS = 0.8
 """Length of bumps, m for a robot of one metre."""
@@ -169,7 +169,7 @@ def ground_of(task: Task, scene: Scene, seed: int) -> Scene:
             raise InputError("structure.fixed: this task lets the robot fall; expected one without supports")
         return dataclasses.replace(scene, ground=ground)
     placed = dataclasses.replace(scene, ground=ground)
-    q = set_down(placed, np.asarray(scene.structure.nodes, float), -CLEAR * size)
+    q = set_down(placed, np.asarray(scene.structure.nodes, float), -CLEAR_BY * size)
     return dataclasses.replace(placed, structure=dataclasses.replace(scene.structure, nodes=q))
 
 
@@ -192,10 +192,10 @@ def task_start(task: Task, scene: Scene, key: Any) -> State:
     size = length_scale(scene)
     assert scene.ground is not None, "`ground_of` refuses a scene without a ground"
     if not task.fallen:
-        return set_above(scene, there, CLEAR * size), jnp.zeros_like(q)
+        return set_above(scene, there, CLEAR_BY * size), jnp.zeros_like(q)
     falls = DROP[0] * speed_scale(scene), DROP[1] / time_scale(scene)
     speed, spin = (each * _normal(k, 3).astype(q.dtype) for each, k in zip(falls, (speeds, spins)))
-    height = size * (CLEAR + jax.random.uniform(heights, (), jnp.float32).astype(q.dtype))
+    height = size * (CLEAR_BY + jax.random.uniform(heights, (), jnp.float32).astype(q.dtype))
     return set_above(scene, there, height), speed + jnp.cross(spin, body)
 
 

@@ -11,7 +11,7 @@ cases. How much robots differ is said in words, as their standard deviation."""
 
 KNOWN = 6
 """Most significant digits of a number beside its error: rollouts on two machines agree to no more."""
-SMALLEST = 8
+MOST_DECIMALS = 8
 """Most decimals of a number. One whose first digits need more is written with a power of ten."""
 
 
@@ -29,7 +29,7 @@ def significant(value: float, decimals: int = 3, digits: int = 3) -> str:
     if not math.isfinite(value):
         return f"{value}"
     needed = digits - 1 - _exponent(value)
-    return f"{value:.{digits - 1}e}" if needed > SMALLEST else f"{_rounded(value, max(decimals, needed))}"
+    return f"{value:.{digits - 1}e}" if needed > MOST_DECIMALS else f"{_rounded(value, max(decimals, needed))}"
 
 
 def with_error(
@@ -46,7 +46,7 @@ def with_error(
     error = max(error, 0.5 * 10.0**-most)
     error = float(f"{error:{digits}}")
     known = min(most, int(digits[1:-1]) - 1 - _exponent(error))
-    told = f"{value:.2e}" if known > SMALLEST + KNOWN else _rounded(value, max(0, known))
+    told = f"{value:.2e}" if known > MOST_DECIMALS + KNOWN else _rounded(value, max(0, known))
     return f"{told} ± {error:g}{unit}"
 
 

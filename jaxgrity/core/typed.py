@@ -17,6 +17,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 
 PACKAGE = __name__.partition(".")[0]
+"""Name of this package, by which its own classes are known."""
 WORDS = {"str": "text", "Path": "a path", "float": "a number", "int": "a whole number", "bool": "True or False"}
 """Words for Python's classes in messages about arguments of the wrong kind."""
 MADE_BY = {

@@ -14,6 +14,7 @@ viser = lazy_loader.load("viser")
 websockets = lazy_loader.load("websockets")
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+"""Names of this machine by which its own browser may ask."""
 
 
 def guarded_server(host: str, port: int) -> Any:

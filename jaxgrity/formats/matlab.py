@@ -16,6 +16,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
 
 AXES = ("X", "Y", "Z")
+"""Names of the axes in the fields of a file."""
 MOST_MEMBERS = 100_000
 """Most members of a structure in a file. A file with more does not describe a robot."""
 LARGEST_MATRIX = 20_000_000

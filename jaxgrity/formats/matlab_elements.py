@@ -10,7 +10,7 @@ from jaxgrity.core.errors import InputError
 
 MATRIX, COMPRESSED = 14, 15
 """Numbers by which a file marks variables, and packed ones."""
-WIDTH = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8, MATRIX: 1, COMPRESSED: 1, 16: 1, 17: 2, 18: 4}
+BYTES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8, MATRIX: 1, COMPRESSED: 1, 16: 1, 17: 2, 18: 4}
 """Bytes of one number of each kind of element."""
 CELL, STRUCT, CHAR, SPARSE, LAST_NUMERIC = 1, 2, 4, 5, 15
 """Classes of variables; objects (3) and functions are not read."""
@@ -49,7 +49,7 @@ def _elements(data: bytes, order: str, aligned: bool = True) -> Iterator[tuple[i
         else:
             place = begin + size + (-size % 8 if aligned else 0)
         body = data[begin : begin + size]
-        if kind not in WIDTH or len(body) < size or size % WIDTH[kind]:
+        if kind not in BYTES or len(body) < size or size % BYTES[kind]:
             raise InputError(f"has an element of kind {kind} and {size} bytes, of which {len(body)} are there")
         yield kind, body
 
@@ -90,7 +90,7 @@ def _check_matrix(data: bytes, order: str, depth: int) -> None:
     elif number == SPARSE:
         _check_sparse(rest, size, order)
     elif number == CHAR or SPARSE < number <= LAST_NUMERIC:
-        wrong = [len(body) for kind, body in rest if kind in (MATRIX, COMPRESSED) or len(body) != count * WIDTH[kind]]
+        wrong = [len(body) for kind, body in rest if kind in (MATRIX, COMPRESSED) or len(body) != count * BYTES[kind]]
         if len(rest) not in (1, 2) or (wrong and number != CHAR):
             raise InputError(f"has a variable of size {size.tolist()} with other content")
     else:
@@ -110,7 +110,7 @@ def _check_sparse(rest: list[tuple[int, bytes]], size: np.ndarray, order: str) -
     if len(rest) < 3 or [kind for kind, _ in rest[:2]] != [5, 5] or len(size) != 2:
         raise InputError("has a sparse matrix without rows and columns")
     rows, starts = (np.frombuffer(body, f"{order}i4").astype(int) for _, body in rest[:2])
-    there = len(rest[2][1]) // WIDTH[rest[2][0]]
+    there = len(rest[2][1]) // BYTES[rest[2][0]]
     ordered = len(starts) == size[1] + 1 and starts[0] == 0 and np.all(np.diff(starts) >= 0)
     if not ordered or starts[-1] > min(len(rows), there) or np.any(rows < 0) or np.any(rows >= max(size[0], 1)):
         raise InputError(f"has a sparse matrix of size {size.tolist()} with entries elsewhere")

@@ -18,6 +18,7 @@ trimesh: Any = lazy_loader.load("trimesh")
 STRUT, CABLE = 0.012, 0.004
 """Radii of struts and cables, as shares of the length of the longest strut."""
 COLOURS = {"struts": (52, 73, 94, 255), "cables": (192, 57, 43, 255)}
+"""Red, green, blue and opacity of struts and cables, from 0 to 255."""
 SIDES = 16
 """Number of sides of the prisms that stand for round struts and cables."""
 

@@ -122,6 +122,7 @@ def _as_rods(
     rows = [_of_rod(x[[n, n]] - centre, size) for n in own] + [_of_rod(x[list(e)] - centre, size) for e in edges]
     wanted = np.r_[1.0, np.zeros(3), (second / total / size**2)[np.triu_indices(3)]]
     columns, shares = np.array(rows).T, np.zeros(len(rows))
+    # few masses suffice, but a node without any could not move by itself: then each gets a least share
     for least in (0.0, LEAST_SHARE):
         shares[: len(own)] = least
         shares = shares + nnls(columns, wanted - columns[:, : len(own)].sum(1) * least)[0]
@@ -149,6 +150,7 @@ def inertia_of(model: Any, data: Any, body: int) -> tuple[float, np.ndarray, np.
     centre = m @ at / total
     second = np.zeros((3, 3))
     for k, mass, place in zip(welded, m, at):
+        # principal moments: half of their sum less one of them is the integral of the square along its axis
         turn, inertia = data.ximat[k].reshape(3, 3), model.body_inertia[k]
         second += turn @ np.diag(inertia.sum() / 2 - inertia) @ turn.T + mass * np.outer(place - centre, place - centre)
     return total, centre, second

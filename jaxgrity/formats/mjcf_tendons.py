@@ -118,9 +118,11 @@ def _spring(model: Any, a: int) -> Driven | None:
     K = float(-bias[1])
     if not (of_tendon and fixed and affine) or K <= 0 or bias[2] > 0:
         return None
+    # MuJoCo clips controls to their range, so 0 may be out of reach
     u = float(np.clip(0.0, *model.actuator_ctrlrange[a])) if model.actuator_ctrllimited[a] else 0.0
     u = float(np.clip(u, *model.actuator_actrange[a])) if model.actuator_actlimited[a] else u
     rest = float(bias[0] + gain[0] * u) / K
+    # a tendon pulls where its force is negative
     pulls = model.actuator_forcelimited[a] and model.actuator_forcerange[a, 1] <= 0
     return Driven("cable" if pulls else "strut", K, rest, float(-bias[2])) if rest > 0 else None
 

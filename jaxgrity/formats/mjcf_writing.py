@@ -20,9 +20,10 @@ from jaxgrity.model.scene import Scene
 
 STRONGEST = 1e9
 """Limit of a cable's force in an MJCF file, N: no cable of a robot reaches it."""
-ROUNDING = 1e-13
-"""Share of a body's inertia that is added: MuJoCo refuses flat bodies of which rounding leaves less than flat. Thinner
-bars, in m, are not drawn."""
+ADDED_INERTIA = 1e-13
+"""Share of a body's inertia that is added: MuJoCo refuses flat bodies of which rounding leaves less than flat."""
+THINNEST = 1e-13
+"""Radius, m, of the thinnest bars that are drawn: MuJoCo refuses a radius of zero."""
 LARGEST_STEP = 2e-3
 """Largest time step written to an MJCF file, s."""
 CLOSED = [0.9999, 0.9999, 1e-3, 0.5, 2.0]
@@ -144,12 +145,12 @@ def _bodies(
         origin = np.zeros(3) if joint.parent == WORLD else links[joint.parent].centre
         body = parts[joint.link] = add_element(parts[joint.parent], "body", name=link.name, pos=link.centre - origin)
         _joint(body, joint, links, x)
-        inertia = link.inertia + ROUNDING * np.trace(link.inertia) * np.eye(3)
+        inertia = link.inertia + ADDED_INERTIA * np.trace(link.inertia) * np.eye(3)
         entries = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
         add_element(body, "inertial", pos=[0.0, 0.0, 0.0], mass=link.mass, fullinertia=entries)
         for start, end in link.bars:
             ends, size = np.r_[start, end] - np.r_[link.centre, link.centre], THICKNESS * np.linalg.norm(end - start)
-            if size > ROUNDING:
+            if size > THINNEST:
                 add_element(body, "geom", type="capsule", fromto=ends, size=[size], contype=0, conaffinity=0, mass=0)
         for node in link.nodes:
             if node not in drawn:

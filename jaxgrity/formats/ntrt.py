@@ -12,7 +12,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.formats.compounds import spanning_points
 from jaxgrity.formats.foreign import Imported, Losses, positive
 from jaxgrity.formats.ntrt_bodies import Group, Shape, groups_of, moments_of, on_surface, shape_of
-from jaxgrity.formats.ntrt_builders import CABLES, RIGID, WRAPPING, Builder, builder_of
+from jaxgrity.formats.ntrt_builders import CABLES, RIGID_BUILDERS, WRAPPING, Builder, builder_of
 from jaxgrity.formats.ntrt_tree import Assembly, Part
 from jaxgrity.model.balls import Balls
 from jaxgrity.model.bodies import Body, rigid_body
@@ -151,7 +151,7 @@ def _built(
                 shapes.append((builder, (int(place[node]),)))
         for pair in each.pairs:
             ends = int(place[pair.first]), int(place[pair.second])
-            if (builder := builder_of(builders, pair.tags, each.tags, RIGID)) is not None:
+            if (builder := builder_of(builders, pair.tags, each.tags, RIGID_BUILDERS)) is not None:
                 shapes.append((builder, ends))
             elif (builder := builder_of(builders, pair.tags, each.tags, CABLES)) is not None:
                 if ends[0] == ends[1]:

@@ -81,6 +81,7 @@ def moments_of(group: Group) -> tuple[np.ndarray, np.ndarray]:
         shape = group.shapes[0]
         return shape.centre, shape.turn @ np.diag(mass * _own_moments(shape)) @ shape.turn.T
     centre = np.sum([shape.mass * shape.centre for shape in group.shapes], axis=0) / mass
+    # Bullet takes a compound of shapes for the upright box around them: so do the robots of NTRT
     reach = np.array([np.abs(shape.turn) @ shape.half for shape in group.shapes])
     at = np.array([shape.centre for shape in group.shapes])
     sides = (at + reach).max(0) - (at - reach).min(0)

@@ -12,9 +12,10 @@ CABLES = (
     "tgKinematicActuatorInfo",
     "tgKinematicContactCableInfo",
 )
+"""Builders of cables in NTRT."""
 WRAPPING = ("tgBasicContactCableInfo", "tgKinematicContactCableInfo")
 """Builders of strings that bodies deflect."""
-RIGID = ("tgRodInfo", "tgBoxInfo")
+RIGID_BUILDERS = ("tgRodInfo", "tgBoxInfo")
 """Builders of what is rigid between two nodes; tgSphereInfo makes a sphere of one node."""
 DEFAULTS: dict[str, dict[str, float]] = {
     "tgRodInfo": {"radius": 0.5, "density": 1.0, "friction": 1.0},

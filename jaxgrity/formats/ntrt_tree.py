@@ -12,11 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import MOST_NODES, finite, numbers, read_limited, short
-from jaxgrity.formats.ntrt_builders import NTRT_BUILDERS, RIGID, Builder, builder_of, read_builder
+from jaxgrity.formats.ntrt_builders import NTRT_BUILDERS, RIGID_BUILDERS, Builder, builder_of, read_builder
 from jaxgrity.formats.yaml_text import parse_yaml, with_line
 
 KEYS = ("nodes", "pair_groups", "builders", "substructures", "bond_groups")
+"""Keys of a structure file."""
 CHILD_KEYS = ("path", "rotation", "translation", "scale", "offset")
+"""Keys of a structure within another one."""
 MOST_FILES = 300
 """Most files read for one structure. A file that is read twice counts twice."""
 DEEPEST = 20
@@ -222,7 +224,7 @@ class Assembly:
 
     def _replaced(self, pair: Pair, joints: list[tuple[int, int, int]], ends: list[int], where: str) -> bool:
         edge = any(pair.joins(a, b) for _, a, b in joints)
-        rod = builder_of(self.builders, pair.tags, frozenset(), (*RIGID, "tgSphereInfo")) is not None
+        rod = builder_of(self.builders, pair.tags, frozenset(), (*RIGID_BUILDERS, "tgSphereInfo")) is not None
         if edge and rod:
             raise InputError(f"{where}: an edge is a rod; expected strings")
         return edge or (not rod and pair.first in ends and pair.second in ends)

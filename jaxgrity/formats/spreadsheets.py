@@ -29,8 +29,11 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges
 
 NODES = ("x_m", "y_m", "z_m", "mass_kg", "fixed")
+"""Columns of the table of nodes, with their units."""
 MEMBERS = ("kind", "first", "second", "rest_length_m", "stiffness_N_per_m", "damping_N_s_per_m", "mass_kg")
+"""Columns of the table of members, with their units."""
 KINDS = ("strut", "cable")
+"""Kinds of members."""
 
 
 def table_paths(path: str | Path) -> tuple[Path, Path]:

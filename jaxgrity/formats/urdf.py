@@ -17,8 +17,11 @@ from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
 
 ENDS = tuple(f"{end}_{what}" for end in ("first", "second") for what in ("link", "x_m", "y_m", "z_m"))
+"""Columns of the places between which a spring acts: a link each, and a point in its axes."""
 SPRINGS = ("kind", *ENDS, "rest_length_m", "stiffness_N_per_m", "damping_N_s_per_m")
+"""Columns of the table of springs, which URDF has no words for."""
 WORLD = "world"
+"""Name of the link that does not move."""
 
 
 @typed

@@ -216,6 +216,7 @@ def steady_speeds(paths: Float[np.ndarray, "robots places 2"], each: int, cycle:
     """m/s, from places, m, `each` of them in a cycle of that many seconds."""
     x, y = np.diff(paths[:, ::each], axis=1).T
     along = x + 1j * y
+    # places as complex numbers: the angle of this sum is the turn per cycle, in which long ways count for more
     turned = np.angle((along[1:] * np.conj(along[:-1])).sum(0))
     ways = [way_along(path, angle / each) for path, angle in zip(paths, turned)]
     return np.array(ways, float) * each / cycle

@@ -154,6 +154,7 @@ def _descended(problem: Weighted, at: Point, tolerance: float, most: int) -> Fou
     """
     damping, steps = FIRST_DAMPING, 0
     while True:
+        # the unit matrix and y belong to the prior: unknowns are counted in their plausible spreads
         curvature, slope = at.J.T @ at.J + np.eye(len(at.y)), at.J.T @ at.r + at.y
         full = scipy.linalg.solve(curvature, slope, assume_a="pos")
         # what a full step would gain by the linear model

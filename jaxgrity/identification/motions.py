@@ -69,6 +69,7 @@ class MeasuredMotion(Measurement):
 
             def both(y):
                 there = state.ravel().at[places].set(y[count:]).reshape(state.shape)
+                # jacfwd returns derivatives alone: `has_aux` hands out the values of the same pass
                 found = (*self._window(scene_at(y[:count]), there, times), there)
                 return found, found
 
@@ -98,6 +99,7 @@ class MeasuredMotion(Measurement):
 
     def _joined(self, seen, ends, states):
         """The rows of all windows, and the jumps between windows; with one more axis, the derivatives of both."""
+        # the last frame of a window is the first of the next one, and counts once
         rows = jnp.concatenate([seen[:, :-1].reshape(-1, *seen.shape[2:]), seen[-1, -1:]])
         allowed = jnp.asarray(self.jump).reshape(2, 1, 1, *[1] * (states.ndim - 4))
         jumps = (ends[:-1] - states[1:]) / allowed

@@ -10,7 +10,7 @@ from jaxgrity.identification.fits import Identified
 from jaxgrity.identification.parameters import changed
 from jaxgrity.populations.uncertainty import DIFFERING, Differences, Uncertainty, part_of
 
-ROUNDING = 1e-9
+ONE_FRICTION = 1e-9
 """Largest difference of friction between nodes of a robot that still count as having one friction."""
 
 
@@ -54,7 +54,7 @@ def robots_at(found: Identified, drawn: np.ndarray) -> Differences:
         raise InputError(f"{missing[0]}: robots of a population cannot differ in it; expected {', '.join(DIFFERING)}")
     if "friction" in factors:
         friction = factors["friction"].reshape(count, -1)
-        if np.ptp(friction, axis=1).max() > ROUNDING:
+        if np.ptp(friction, axis=1).max() > ONE_FRICTION:
             raise InputError("friction: robots differ alike at all nodes; expected one parameter for all of them")
         factors["friction"] = friction[:, 0]
     return Differences(**factors)

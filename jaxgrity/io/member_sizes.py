@@ -12,7 +12,9 @@ from jaxgrity.model.sizes import Material, material_of, sized_members
 from jaxgrity.model.structure import Members, edge_lengths
 
 NUMBERS = ("youngs_modulus", "density", "yield_stress")
+"""Keys of what a material is."""
 SECTION = ("diameter", "wall", "area")
+"""Keys of a cross-section."""
 SIZES = ("material", *NUMBERS, *SECTION)
 """Keys of sizes. Numbers of the material's own replace those of its name."""
 

@@ -65,8 +65,8 @@ from jaxgrity.model.unions import Union
 WIDTH = 120
 """Most characters in a line of lists. A longer list of lists takes one line for each."""
 OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
-PLACES: dict[type, int] = {Wind: 0, Push: 1, ForceTable: 2, ForceLimit: 2}
-PLACES |= dict.fromkeys(ALONG_STRUTS, 3) | dict.fromkeys(BETWEEN_STRUTS, 4)
+ORDER_OF_TERMS: dict[type, int] = {Wind: 0, Push: 1, ForceTable: 2, ForceLimit: 2}
+ORDER_OF_TERMS |= dict.fromkeys(ALONG_STRUTS, 3) | dict.fromkeys(BETWEEN_STRUTS, 4)
 """Order in which `load_scene` adds terms; of the first kind and of the third it adds one at most."""
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 
@@ -257,7 +257,7 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
     """The wind, the pushes, and keys of the cables; in that order, as files are read."""
     wind, pushes = None, []
     forces: dict[str, Any] = {}
-    places = [PLACES[type(term)] for term in scene.terms if type(term) in PLACES]
+    places = [ORDER_OF_TERMS[type(term)] for term in scene.terms if type(term) in ORDER_OF_TERMS]
     if places != sorted(places) or any(places.count(place) > 1 for place in (0, 2)):
         told = "a wind, pushes, then one table or largest force of cables, then contact along and between struts"
         raise InputError(f"terms are {', '.join(term.name for term in scene.terms)}; expected in this order {told}")
@@ -271,7 +271,7 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
             forces = {"force": ForceKeys(*(np.asarray(x).tolist() for x in (term.stretch, term.force)))}
         elif type(term) is ForceLimit:
             forces = {"largest_force": one_or_all(term.largest)}
-        elif type(term) is Push or type(term) not in PLACES:
+        elif type(term) is Push or type(term) not in ORDER_OF_TERMS:
             raise _no_key(f"terms[{number}]", term)
     return wind, pushes, forces
 

@@ -16,6 +16,7 @@ WORDS = {
     bool: ("true or false", "true or false"),
     str: ("a string", "strings"),
 }
+"""What is expected, of one and of many, in words of the file."""
 GOT = {
     "float": "a number",
     "int": "a whole number",
@@ -28,6 +29,7 @@ GOT = {
     "datetime": "a date",
     "time": "a time",
 }
+"""What was found, in words of the file, by the words of msgspec."""
 
 
 def explain(message: str, tables: dict, model: type) -> str:

@@ -3,6 +3,7 @@ from .balls import Balls
 from .bodies import Body, body_moments, rigid_body
 from .contact_twin import exact_twin, penalty_twin
 from .friction import Friction
+from .gait_waves import TravellingWave, travelling_waves
 from .ground import Ground
 from .inertia import energy_of_motion, mass_matrix, mobility, momenta
 from .load_cases import LoadCase
@@ -12,7 +13,6 @@ from .sizes import MATERIALS, Material, sized_members
 from .strut_contact import with_contact_between_struts
 from .surface import Frame, Surface
 from .symmetry import gene_permutations, image, standing_symmetries, symmetries
-from .waves import TravellingWave, travelling_waves
 
 __all__ = [
     "MATERIALS",

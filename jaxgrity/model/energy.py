@@ -22,6 +22,7 @@ from jaxgrity.model.pulleys import path_lengths
 from jaxgrity.model.structure import Members
 
 UP = (0.0, 0.0, 1.0)
+"""Unit vector against gravity."""
 
 
 class StrutSprings(EnergyTerm):

@@ -170,6 +170,7 @@ class CoulombCone(Constraint):
         return held_directions(self.ground, slice(1, 3), q, size)
 
     def gaps(self, q, t):
+        # no start violates the cone: it bounds impulses, not positions
         return q[:0, 0]
 
     def complaint(self, q, t, part):

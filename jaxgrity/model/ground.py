@@ -24,7 +24,7 @@ from jaxgrity.model.surface import AXES, DistanceAndAxes, Frame, Slope, Surface,
 
 UnitVector = tuple[float, float, float]
 
-ROUNDING = 1e-12
+DEEPER_BY = 1e-12
 """Depth added to that of a node at rest on penalty ground, m for a body of one metre, so rounding does not lift it."""
 DEEP_ON_CURVES = 5e-4
 """Depth in curved ground at which nodes may start, m for a body of one metre. Steps of 10 ms end 4e-5 deep in bowls.
@@ -149,7 +149,7 @@ class Ground(eqx.Module):
 
     def touching_depth(self, weight: float, nodes: int, size: float) -> float:
         """The same depth, m, for a body of `size` (`length_scale`), deep enough that the nodes count as touching."""
-        return self.resting_depth(weight, nodes) + (0.0 if self.impulsive else ROUNDING * size)
+        return self.resting_depth(weight, nodes) + (0.0 if self.impulsive else DEEPER_BY * size)
 
 
 class PenaltyGround(Ground):

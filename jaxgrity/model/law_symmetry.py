@@ -45,6 +45,7 @@ def looks_alike(law: Law, scene: Scene) -> Callable[[Symmetry], bool]:
         value, there = found()
         spread = np.ptp(there, axis=0).max()
         moved = value(*_moved(states, scene, symmetry))
+        # U and R are the same at the image; a force turns with it
         expected = there if there.ndim == 1 else _placed(there @ symmetry.matrix.T, symmetry)
         return bool(spread > 0 and np.abs(moved - expected).max() <= AS_EQUAL * spread)
 
@@ -79,6 +80,7 @@ def _states(law: Law, scene: Scene) -> tuple[np.ndarray, ...]:
     wide = 10 ** random.uniform(-DECADES, 0, (STATES, 1, 1))
     q = nodes + size * wide * random.normal(size=(STATES, *nodes.shape))
     if scene.ground is not None:
+        # laws of contact are zero above the ground: no state there shows which symmetries they keep
         for k in range(0, STATES, 2):
             q[k, :, 2] -= np.median(scene.ground.measured(q[k]).distance)
     fast = 10 ** random.uniform(-DECADES, DECADES, (STATES, 1, 1))
@@ -93,6 +95,7 @@ def _moved(states: tuple[np.ndarray, ...], scene: Scene, symmetry: Symmetry) -> 
     q, v, pressed, others, times = states
     mass, nodes = np.asarray(scene.structure.lumped_mass, float), np.asarray(scene.structure.nodes, float)
     centre = mass @ nodes / mass.sum()
+    # the force with which the ground presses on a node is a number: it changes its node, and does not turn
     turned = [(q - centre) @ symmetry.matrix.T + centre, v @ symmetry.matrix.T, pressed, others @ symmetry.matrix.T]
     return (*(_placed(x, symmetry) for x in turned), times)
 

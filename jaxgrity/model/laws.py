@@ -1,7 +1,7 @@
 """What a scene is made of: the interfaces of its laws. One law is one class, which says everything about itself.
 
 A law is a term of U(q, t), a term of R(v; q, t), a force without either, or a constraint. `Scene.laws` lists those
-that act; forces, the energy audit, `describe`, symmetries and the report on stability read nothing but that list.
+that act; forces, the energy audit, `describe`, symmetries and the largest stable step read nothing but that list.
 """
 
 from abc import abstractmethod
@@ -165,7 +165,7 @@ class Law(eqx.Module):
 
 
 class ForceTerm(Law):
-    """A term of U or of R. The report on stability names the part of it that limits the step."""
+    """A term of U or of R. `step_limit` names the part of it that limits the step."""
 
     def parts(self, scene: SceneParts) -> tuple[str, ...]:
         """Names of the parts that push and pull one by one, such as "strut 0 (nodes 0, 1)"; else those of the nodes."""

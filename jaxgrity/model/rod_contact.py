@@ -119,6 +119,7 @@ class RodFriction(ForceLaw):
     cause: ClassVar[str] = "friction"
 
     def force(self, motion: Motion, other_forces: NodeVectors) -> NodeVectors:
+        # no term of R, where F_n has to be held fixed: `Motion` has it for nodes, not for these points
         scene, nodes = motion.at.scene, len(motion.v)
         ground = ground_beside_nodes(scene, self.points.strength)
         if ground is None or scene.friction is None:
@@ -245,6 +246,7 @@ def lifted(scene: Scene, q: NodeVectors, depth: float) -> NodeVectors:
     within, missing = LARGEST_GAP / 10 * float(length_scale(scene)), np.inf
     with jax.enable_x64(True), evaluated():
         known = as_dtype(scene, "float64")
+        # several times: on a slope or a curve, rising by the depth leaves the strut in the ground
         for _ in range(SETTLED_WITHIN):
             missing = -depth - float(jnp.min(strut_distances(known, jnp.asarray(q, float))))
             if missing <= within:

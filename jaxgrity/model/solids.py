@@ -145,6 +145,7 @@ class Stairs(Surface):
         ahead = self._ahead(x, y)
         f = z
         for k in range(self.steps):
+            # each step is a block without an end, so that no gap is left between two of them
             faces = [self.start + k * self.run - ahead, z - (k + 1) * self.rise]
             f = smaller(f, _beyond_faces(faces, self.rounding))
         return f
@@ -166,6 +167,7 @@ def _beyond_faces(outside: list[PerNode], rounding: Scalar) -> PerNode:
     deepest = beyond[0]
     for way in beyond[1:]:
         deepest = larger(deepest, way)
+    # min(deepest, 0), by what keeps the population last in memory
     inside = deepest - positive_part(deepest)
     return length_of(*(positive_part(way) for way in beyond)) + inside - rounding
 

@@ -77,6 +77,7 @@ class StrutPairs(eqx.Module):
 
     def mean(self, x: PerNode, share: Share) -> PerMember:
         """The mean of a number of the nodes at both points."""
+        # the weights of each point add up to 1 in absolute value, and there are two points
         each = [jnp.abs(w) * take_rows(x, nodes) for w, nodes in zip(weights(share), self.ends)]
         return (each[0] + each[1] + each[2] + each[3]) / 2
 
@@ -113,6 +114,7 @@ def candidates(ends: Ends) -> tuple[list[Share], AnyArray]:
     d, e, r = ends[1] - ends[0], ends[3] - ends[2], ends[0] - ends[2]
     dd, ee, de, dr, er = dot(d, d), dot(e, e), dot(d, e), dot(d, r), dot(e, r)
     level = dd * ee - de * de
+    # of nearly parallel segments `level` and both numerators are rounding, and an end is as near as the crossing
     leans = level > float(jnp.finfo(d.dtype).eps) ** PARALLEL * (dd * ee)
     s, t = (over(x, jnp.where(leans, level, 0 * level)) for x in (de * er - ee * dr, dd * er - de * dr))
     crosses = leans & (s > 0) & (s < 1) & (t > 0) & (t < 1)

@@ -16,6 +16,7 @@ from jaxgrity.core.tracing import as_incline, evaluated
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""Unit vectors along x, y and z."""
 Direction = tuple[float, float, float] | NodeVectors
 """A unit vector for all nodes, or one row per node."""
 

@@ -84,6 +84,7 @@ def _basis(r: np.ndarray) -> list[int]:
     basis, left = [], r
     for _ in range(3):
         away = np.linalg.norm(left, axis=1)
+        # the most distant node of those left: the map that three images determine then has the least rounding
         basis.append(int(np.argmax(away)))
         if away.max() <= SAME * np.linalg.norm(r, axis=1).max():
             raise InputError("all nodes lie in a plane with the centre of mass; expected a structure in space")
@@ -115,5 +116,6 @@ def _as_symmetry(structure: Structure, r: np.ndarray, matrix: np.ndarray) -> Sym
 
 def _same_supports(structure: Structure, nodes: tuple[int, ...], matrix: np.ndarray) -> bool:
     """Whether the directions in which each node is fixed are mapped on those of the node whose place it takes."""
+    # projectors, since a symmetry may exchange the axes of a support that is held along both
     held = np.eye(3) * ~structure.free[:, :, None]
     return bool(np.allclose(matrix @ held @ matrix.T, held[list(nodes)], rtol=0, atol=SAME))

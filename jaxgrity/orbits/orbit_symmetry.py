@@ -20,11 +20,11 @@ from jaxgrity.stepping.simulate import simulate
 
 LARGEST_PART = 12
 """Largest number of equal parts into which a symmetry may divide a period."""
-ROUNDING = 1e-6
+SAME_SHAPE = 1e-6
 """Difference of shapes, in body lengths, that always counts as none, however closely the orbit returns."""
 MOMENTS = 100
 """Number of moments per period at which robots' shapes are compared with the orbit's."""
-SETTLING = 4
+SETTLING_CYCLES = 4
 """Number of cycles in which the robot settles at the step that the comparison needs."""
 
 
@@ -75,14 +75,14 @@ def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repeti
     frames = 4 * lcm(*(share.denominator for share, _ in found))
     here = restarted(scene, orbit)
     chosen = in_step(scene, orbit.period / frames, options)
-    duration = (SETTLING + 2) * orbit.cycle
+    duration = (SETTLING_CYCLES + 2) * orbit.cycle
     trajectory = simulate(here, duration, options=chosen, frame_rate=frames / orbit.period, velocities=orbit.state[1])
     whole = Repetition(orbit.cycle, tuple(range(len(scene.structure.nodes))), orbit.residual)
     if trajectory.failed:
         return whole
     long, plane = frames * orbit.periods, plane_of(scene)
     q = np.asarray(trajectory.positions, float)[-2 * long :] @ plane.axes
-    limit = RETURNED * _change(q, plane, long, whole.nodes) + ROUNDING * orbit.body_length
+    limit = RETURNED * _change(q, plane, long, whole.nodes) + SAME_SHAPE * orbit.body_length
     lags = [(m * frames + int(share * frames), nodes) for share, nodes in found for m in range(orbit.periods)]
     for lag, nodes in sorted(lags):
         if 0 < lag < long and (change := _change(q, plane, lag, nodes)) <= limit:

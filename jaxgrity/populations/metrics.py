@@ -20,13 +20,13 @@ from jaxgrity.stepping.power import Step, step_work, strut_impulses, strut_tensi
 
 SLIPPING = 0.02
 """Speed above which a touching node counts as slipping, m/s for a body of one metre."""
-WINDOW = 0.05
+FORCE_WINDOW = 0.05
 """Time constant of the moving mean of actuator forces, s for a body of one metre. Rigid bodies pass impacts on as
 impulses, which have no peak."""
 
 
 class Metrics(NamedTuple):
-    """Sums from the time `since` on. Forces, and so powers, are moving means with the time constant `WINDOW`."""
+    """Sums from the time `since` on. Forces, and so powers, are moving means with the time constant `FORCE_WINDOW`."""
 
     path: Scalar
     """m, length of the horizontal path of the centre of mass"""
@@ -98,7 +98,7 @@ def updated_metrics(scene: Scene, step: Step, so_far: Metrics) -> Metrics:
     rates, worked_over = _lengthened(scene, step, numbers) / h, _lengthened(scene, step, numbers, impulses=True)
     tensions = actuator_tension(scene, step, numbers)
     rate, tension = (x[: len(so_far.force)] for x in (rates, tensions))
-    force = so_far.force + jnp.minimum(1, h / (WINDOW * time_scale(scene))) * (tension - so_far.force)
+    force = so_far.force + jnp.minimum(1, h / (FORCE_WINDOW * time_scale(scene))) * (tension - so_far.force)
     return Metrics(
         path=so_far.path + way,
         work=so_far.work + on * work,

@@ -28,7 +28,7 @@ HOPPING = 0.1
 """A robot hops if it is in the air for more than this fraction of the time."""
 STAYING = 0.1
 """A robot stays if its path is less wide than this share of its diameter."""
-ROUND = 0.5
+GOES_ROUND = 0.5
 """A robot goes round if its centre sweeps, on balance in one direction, over this share of the disc about its path."""
 COMING_BACK = 0.25
 """A robot comes and goes if the end and the mean of the later half of its path are within this share of its width."""
@@ -106,7 +106,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
 
     - "hops": the robot is in the air for more than `HOPPING` of the time.
     - "stays": its path is less than `STAYING` diameters wide.
-    - "turns on the spot": its path is less than a diameter wide and goes round (`ROUND`), over more than one face.
+    - "turns on the spot": its path is less than a diameter wide and goes round (`GOES_ROUND`), over more than one face.
     - "rocks": its path is less than a diameter wide. It returns to an earlier face or place (`COMING_BACK`).
     - "slides": it changes face less than once for each diameter of its way, without balls that grip.
     - "rolls": all else, straight on or in circles.
@@ -195,6 +195,7 @@ def _lowest(heights: np.ndarray, margin: float) -> np.ndarray:
     """The lowest of the faces (frames, faces) in each frame, (frames,); a new one only if lower by the margin, m."""
     lowest = heights.argmin(1)
     for k in range(1, len(lowest)):
+        # of faces that are equally low the earlier one stays, or rounding would look like rolling
         if heights[k, lowest[k - 1]] <= heights[k, lowest[k]] + margin:
             lowest[k] = lowest[k - 1]
     return lowest
@@ -221,7 +222,7 @@ def name_of_motion(
         return "hops"
     if wide < STAYING:
         return "stays"
-    goes_round = _swept(path) > ROUND * np.pi * wide**2 / 4
+    goes_round = _swept(path) > GOES_ROUND * np.pi * wide**2 / 4
     if wide < 1 and rolls > 0 and goes_round:
         return "turns on the spot"
     if wide < 1 and (len(set(supports)) < len(supports) or (_further(path) < COMING_BACK * wide and not goes_round)):
@@ -237,6 +238,7 @@ def width(path: np.ndarray) -> float:
 
 def _swept(path: np.ndarray) -> float:
     """The area swept by the line from a path's middle to its end, to the left less to the right."""
+    # about its middle: about another point a straight path would sweep an area, too
     (x, y), (dx, dy) = (path[:-1] - (path.min(0) + path.max(0)) / 2).T, np.diff(path, axis=0).T
     return abs(float(np.sum(x * dy - y * dx))) / 2
 

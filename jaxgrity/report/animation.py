@@ -24,7 +24,7 @@ imageio_ffmpeg = lazy_loader.load("imageio_ffmpeg")
 
 TICK = 0.01
 """Unit in which a GIF counts how long a frame is shown, s."""
-COLOURS = {"whole": 255, "follow": 63}
+PALETTES = {"whole": 255, "follow": 63}
 """Number of colours in the palette of a GIF, by its camera. Pictures in which everything moves are large, so that they
 get fewer; one further place stands for what did not change."""
 
@@ -74,7 +74,7 @@ def animate(
         return
     shown, durations = _shown_frames(times, frame_rate)
     palette = _shared_palette(
-        [stage.picture(k) for k in (shown[0], shown[len(shown) // 2], shown[-1])], COLOURS[camera]
+        [stage.picture(k) for k in (shown[0], shown[len(shown) // 2], shown[-1])], PALETTES[camera]
     )
 
     def frames() -> Iterator[Image.Image]:
@@ -85,7 +85,7 @@ def animate(
         if on_frame is not None:
             on_frame(len(shown), len(shown))
 
-    write_whole(path, lambda file: _write_gif(file, frames(), durations, COLOURS[camera]))
+    write_whole(path, lambda file: _write_gif(file, frames(), durations, PALETTES[camera]))
 
 
 def _checked(path: str | FilePath, frame_rate: float, width: int, camera: str) -> bool:
@@ -94,8 +94,8 @@ def _checked(path: str | FilePath, frame_rate: float, width: int, camera: str) -
         raise InputError(f"frame_rate = {frame_rate:g}: expected a positive, finite number of frames a second")
     if not 100 <= width <= 4000:
         raise InputError(f"width = {width}: expected 100 to 4000 pixels")
-    if camera not in COLOURS:
-        raise InputError(f"camera = {camera!r}: expected {' or '.join(COLOURS)}")
+    if camera not in PALETTES:
+        raise InputError(f"camera = {camera!r}: expected {' or '.join(PALETTES)}")
     film = FilePath(path).suffix.lower() == ".mp4"
     if film and importlib.util.find_spec("imageio_ffmpeg") is None:
         raise InputError(

@@ -19,7 +19,7 @@ WAY = "#3b5bdb"
 """Colour of lines that are shown beside a robot."""
 ABOUT, CELL, MOST_CELLS = 3.0, 0.1, 160
 """Margin of uneven ground about a path and size of its cells, in robot sizes, and most cells along a side."""
-ROUND = 12
+SIDES = 12
 """Number of sides with which round bodies are drawn."""
 
 
@@ -115,7 +115,7 @@ class RobotDrawing:
         self._api, self._root, self._opacity = scene_api, f"{WORLD}/{name}", None if opacity == 1 else opacity
         size, struts = robot_size(scene), scene.structure.first_cable
         self._size = size
-        rod = trimesh.creation.cylinder(1.0, segment=[[0, 0, 0], [0, 0, 1]], sections=ROUND)
+        rod = trimesh.creation.cylinder(1.0, segment=[[0, 0, 0], [0, 0, 1]], sections=SIDES)
         ball = trimesh.creation.icosphere(subdivisions=2, radius=NODE_RADIUS * size)
         self._kinds = {"struts": slice(0, struts), "cables": slice(struts, None)}
         self._members = {
@@ -188,7 +188,7 @@ def _solid(part: Box | Cylinder | Sphere) -> Any:
     """The mesh of an obstacle."""
     if isinstance(part, Cylinder):
         ends = [np.asarray(part.start, float), np.asarray(part.end, float)]
-        return trimesh.creation.cylinder(float(part.radius), segment=ends, sections=4 * ROUND)
+        return trimesh.creation.cylinder(float(part.radius), segment=ends, sections=4 * SIDES)
     if isinstance(part, Sphere):
         ball = trimesh.creation.icosphere(subdivisions=3, radius=float(part.radius))
         return ball.apply_translation(np.asarray(part.centre, float))
@@ -199,8 +199,8 @@ def _solid(part: Box | Cylinder | Sphere) -> Any:
 
 def _arrow() -> Any:
     """One unit long, its shaft one unit thick."""
-    shaft = trimesh.creation.cylinder(1.0, segment=[[0, 0, 0], [0, 0, 0.75]], sections=ROUND)
-    head = trimesh.creation.cone(2.4, 0.25, sections=ROUND)
+    shaft = trimesh.creation.cylinder(1.0, segment=[[0, 0, 0], [0, 0, 0.75]], sections=SIDES)
+    head = trimesh.creation.cone(2.4, 0.25, sections=SIDES)
     return trimesh.util.concatenate([shaft, head.apply_translation([0, 0, 0.75])])
 
 

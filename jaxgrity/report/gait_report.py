@@ -23,7 +23,7 @@ from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
 from jaxgrity.report.gait_rows import leading_sentences, outcome_rows, search_rows
 from jaxgrity.report.measuring import gait_measured
-from jaxgrity.report.steady import PARTS, on_orbit
+from jaxgrity.report.steady import STAGES, on_orbit
 from jaxgrity.search.pipeline import SearchResult
 from jaxgrity.search.polish import Polished
 from jaxgrity.search.promotion import Agreement, Promoted
@@ -50,6 +50,7 @@ PICTURES = {
     "members.png": "lengths of all members",
     "forces.png": "forces in all members",
 }
+"""Pictures of the page, and their captions."""
 FILES = ("trajectory.npz", "index.html", REPLAY, *PICTURES)
 """Names of the files that `write_report` leaves, beside those of the search itself."""
 STYLE = (
@@ -59,6 +60,7 @@ STYLE = (
     "@media(max-width:40rem){th,td{display:block}}"
     "iframe{width:100%;height:34rem;border:1px solid #ddd}"
 )
+"""CSS of the page: readable on a phone, too."""
 
 
 VIEWPORT = '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -89,7 +91,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     """
     scene, duration = result.scene, float(result.problem.duration)
     fine = SolverOptions(dt=result.verdict.verified.steps[0], dtype="float64")
-    parts = 5 + (PARTS if result.problem.seeks_orbits else 0)
+    parts = 5 + (STAGES if result.problem.seeks_orbits else 0)
     tick, began = _ticker(on_progress, parts), time.perf_counter()
     trajectory, trust, (steady, found, asked), parts_took = _side_by_side(result, fine, folder, tick)
     draw(result, trust, folder)

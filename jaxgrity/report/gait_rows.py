@@ -11,7 +11,7 @@ from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report import plot
 from jaxgrity.report.steady import NOT_LASTING, on_orbit, steady_rows
 from jaxgrity.search.objectives import Objective
-from jaxgrity.search.paths import SETTLING
+from jaxgrity.search.paths import SETTLING_SHARE
 from jaxgrity.search.promotion import multiplier_words, orbit_words
 
 
@@ -146,11 +146,11 @@ def _direction(verified: dict[str, float]) -> str:
 
 def late_words(swing: float, duration: float) -> str:
     """What a steady objective counts for a gait that is in full swing too late, in words; times are in s."""
-    settled = SETTLING * duration
+    settled = SETTLING_SHARE * duration
     if swing <= settled:
         return ""
     told = f"counts the time from {in_digits(settled)} s on, but the gait is in full swing from {in_digits(swing)} s on"
-    enough = swing / SETTLING
+    enough = swing / SETTLING_SHARE
     last = 10.0 ** (math.floor(math.log10(enough)) - 2)  # of three digits, rounded up: with less it would be late again
     return f"{told}: search with a duration of {math.ceil(enough / last - 1e-9) * last:g} s or more"
 

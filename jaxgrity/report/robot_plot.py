@@ -24,7 +24,7 @@ from jaxgrity.report.style import CABLE, GROUND, PATH, STRUT, styled
 from jaxgrity.stepping.simulate import Trajectory, centre_path, driven, with_room
 from jaxgrity.trust.energy_audit import EnergyAudit
 
-ROUNDING = 1e-9
+SLACK_UP_TO = 1e-9
 """Share of the largest force up to which a cable's tension is rounding: it counts as slack."""
 VISIBLE = 2e-3
 """Share of a length below which its distance to the rest length cannot be seen in a figure."""
@@ -206,7 +206,7 @@ def force_figure(scene: Scene, trajectory: Trajectory) -> Figure:
     for axes, name, members, first in panels:
         rows = forces[:, first : first + len(members.edges)]
         _lines_of_members(axes, times, rows, members)
-        pulls = rows > ROUNDING * np.abs(forces).max(initial=0)
+        pulls = rows > SLACK_UP_TO * np.abs(forces).max(initial=0)
         slack = f", {np.mean(~pulls):.0%} of the time slack" if name == "cables" else ""
         axes.set(xlabel="time (s)", ylabel="tension (N)", title=f"{name}{slack}")
     return figure

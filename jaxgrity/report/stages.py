@@ -23,6 +23,7 @@ PATCHES = 60
 VIEW = 4.5
 """Distance to which the following camera sees the lines on the ground, in robot sizes."""
 SHADOW, LINES = "#00000030", "#8a8371"
+"""Colours of the shadow, which lets the ground through, and of the lines on the ground."""
 
 
 class Stage(ABC):

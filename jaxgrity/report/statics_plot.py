@@ -14,7 +14,7 @@ from jaxgrity.statics.inspection import StructureReport
 from jaxgrity.statics.stiffness import all_edges
 from jaxgrity.structures.geometry import RobotGeometry
 
-COLOURS = "coolwarm_r"
+COLOUR_MAP = "coolwarm_r"
 """Name of Matplotlib's colour map that shows compression red and tension blue."""
 
 
@@ -53,14 +53,14 @@ def resting_force_figure(report: StructureReport) -> Figure:
     norm = TwoSlopeNorm(0, -size, size)
     edges, first = np.asarray(all_edges(report.structure)), report.structure.first_cable
     widths = np.r_[np.full(first, 3.5), np.full(len(edges) - first, 1.5)]
-    axes.add_collection3d(Line3DCollection(q[edges], array=forces, cmap=COLOURS, norm=norm, linewidths=widths))
+    axes.add_collection3d(Line3DCollection(q[edges], array=forces, cmap=COLOUR_MAP, norm=norm, linewidths=widths))
     _fit(axes, q)
     axes.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(4))
         axis.labelpad = 8
     axes.set_title("at rest" if report.at_rest else "as given: no equilibrium found")
-    shown = ScalarMappable(norm, COLOURS)
+    shown = ScalarMappable(norm, COLOUR_MAP)
     figure.colorbar(shown, ax=axes, label="force (N), tension positive", shrink=0.7, pad=0.1)
     bars.bar(np.arange(len(forces)), forces, color=shown.to_rgba(forces), edgecolor=CABLE, linewidth=0.4)
     bars.axhline(0, color=CABLE, linewidth=0.8)

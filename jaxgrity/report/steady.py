@@ -27,7 +27,7 @@ MODELS = ("robust", "other_contact_model")
 """Names of the two judgements by perturbed robots: on the scene's own contact model, and on the other one."""
 NOT_LASTING = "this gait does not last; try another seed, or a longer search"
 """What a report says of a gait without an orbit."""
-PARTS = 4
+STAGES = 4
 """Number of parts of the work. Progress is shown after each."""
 
 
@@ -51,7 +51,7 @@ def steady_facts(
         dt: s; by default the scene's own step.
         seed: seed of the draws of robots.
         heading: rad from +x, of the requested direction, if any; the speed along it is then given too.
-        on_progress: called `PARTS` times.
+        on_progress: called `STAGES` times.
 
     Returns:
         Numbers by their names, in SI units: those of `Orbit`, `OrbitCycle` ("cycle"), their `OrbitErrorBars`,

@@ -29,6 +29,7 @@ viser = lazy_loader.load("viser")
 __all__ = ["Props", "Replay", "Robot", "available", "keep_html", "replay", "save_html"]
 
 LOOPBACK = "127.0.0.1"
+"""Address that this machine alone can reach."""
 FIELD_OF_VIEW = 0.75
 """Angle from the upper to the lower edge of the picture, rad."""
 LEGEND_STYLE = (
@@ -38,6 +39,7 @@ LEGEND_STYLE = (
     "#jaxgrity i{display:inline-block;width:22px;height:9px;margin-right:7px;border-radius:2px}"
     "@media(max-height:360px),(max-width:480px){#jaxgrity{display:none}}"
 )
+"""CSS of the legend, which small windows do without."""
 
 
 class Robot(NamedTuple):

@@ -23,6 +23,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.search.genetic_algorithm import EvolutionState, Generation, Record
 
 SETTINGS, STATE, RESULTS = "run.json", "state_{}.npz", ("summary.json", "gait.json", "population.npz")
+"""Names of the files of a search: its settings, the state of each evolution, and what it found."""
 PROBE, SPACE = ".probe", 2**20
 """Name and size (bytes) of a file that shows whether there is space for what a search writes."""
 ADDRESS = re.compile(" at 0x[0-9a-fA-F]+")

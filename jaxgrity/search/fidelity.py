@@ -20,7 +20,7 @@ from jaxgrity.populations.population import as_population
 from jaxgrity.search.genetic_algorithm import Evolution, EvolutionState, GAConfig, SearchProblem, begin, evolve
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import (
-    ROUND,
+    ROBOTS_PER_ROUND,
     Fitness,
     Judging,
     Scores,
@@ -194,12 +194,12 @@ class Verdict(NamedTuple):
     robust_step: float
     """s, at which they are"""
     step_error: float
-    """of the mean of the first `ROUND` robots, at the step of verification and at twice that step, with equal draws"""
+    """of the mean of the first `ROBOTS_PER_ROUND` robots, between the step of verification and twice that step"""
     other_model: Scores
     """on the scene's contact twin"""
     beyond: float
-    """share of robots that exceed a bound on their actuators: of those of `robust`, or of `ROUND` robots with bounds on
-    forces or powers"""
+    """share of robots that exceed a bound on their actuators: of those of `robust`, or of `ROBOTS_PER_ROUND` robots with
+    bounds on forces or powers"""
 
     def summary(self) -> dict[str, Any]:
         """The numbers for a JSON file; SI units. Robots that failed are counted, and in no other number."""
@@ -232,17 +232,17 @@ def final_verdict(
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Verdict:
     """Verify one gait, judge it by an ensemble, both to `PRECISION` where steps and `robots` suffice, and roll out one
-    `ROUND` of robots on the contact twin.
+    round of `ROBOTS_PER_ROUND` robots on the contact twin.
 
     `bounds`: robots beyond them are counted; the problem may lack them.
 
     The ensemble has the step `own_step` (s) where half of it changes the mean by at most `PRECISION`, else that half.
-    The nominal robot's step is chosen likewise, by its error bar. Robots are added by `ROUND` until the standard error
-    of their mean is within `PRECISION`, or there are `robots`. `on_progress` is called with the number of finished
-    judgements, and of all.
+    The nominal robot's step is chosen likewise, by its error bar. `ROBOTS_PER_ROUND` more robots are added until the
+    standard error of their mean is within `PRECISION`, or there are `robots`. `on_progress` is called with the number
+    of finished judgements, and of all.
     """
     scene, gaits = problem.scene, as_population(gait)
-    some = with_robots(problem.fitness, min(robots, ROUND))
+    some = with_robots(problem.fitness, min(robots, ROBOTS_PER_ROUND))
 
     def verified_at(step: float) -> Verified:
         return verify(scene, gaits, problem.duration, options=SolverOptions(dt=step))

@@ -13,7 +13,7 @@ from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone, peak_rates, ramp_rates, waves_ahead
-from jaxgrity.model.waves import TravellingWave
+from jaxgrity.model.gait_waves import TravellingWave
 from jaxgrity.populations.population import gaits_of
 
 Genes = Float[AnyArray, "*population genes"]
@@ -118,6 +118,7 @@ class Genome(eqx.Module):
         parts = self._of_actuators(self.split(genes))
         amplitude = frequency = None
         if gait is not None and self.waves:
+            # what has no genes has to be alike within a group, too: it is taken from the first member of each
             firsts = np.array([self.waves[0].groups.index(group) for group in self.waves[0].groups])
             gait = jax.tree.map(lambda x: x[firsts] if np.ndim(x) else x, gait)
         if self.amplitude:
@@ -132,17 +133,20 @@ class Genome(eqx.Module):
             phases = [xp.asarray(each.phase, gaits.phase.dtype) for each in shaped.overtones]
             gaits = eqx.tree_at(lambda g: [each.phase for each in g.overtones], gaits, phases)
         if self.overtones:
+            # rates grow with h, so overtone h gets coefficients up to 1/h: none is quicker than the first sine
             extra = tuple(
                 _overtone(h, gaits.phase, 2 / h * (parts[f"sine {h}"] - 0.5), 2 / h * (parts[f"cosine {h}"] - 0.5))
                 for h in range(2, 2 + self.overtones)
             )
             gaits = eqx.tree_at(lambda g: g.overtones, gaits, extra, is_leaf=lambda x: isinstance(x, tuple))
         if self.active is not None:
+            # sorting twice gives each actuator its place in the order
             place = xp.argsort(xp.argsort(-parts["rank"], axis=-1), axis=-1)
             gaits = eqx.tree_at(lambda g: g.amplitude, gaits, xp.where(place < self.active, gaits.amplitude, 0))
         if self.quickest:
             most = xp.array(self.quickest, gaits.phase.dtype)
             rates = xp.maximum(*(rate(gaits, xp.ones_like(most)) for rate in (peak_rates, ramp_rates)))
+            # a group is scaled alike: otherwise its wave would lose its symmetry
             beyond = self._alike(xp.maximum(1, rates / most))
             gaits = eqx.tree_at(lambda g: g.amplitude, gaits, gaits.amplitude / beyond)
         return gaits

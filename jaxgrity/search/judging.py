@@ -21,7 +21,7 @@ from jaxgrity.populations.uncertainty import Differences, Uncertainty, differing
 from jaxgrity.search.models import RolloutModel
 from jaxgrity.search.objectives import ActuatorBounds, Distance, Objective
 
-SMALLEST = 128
+SMALLEST_CALL = 128
 """Smallest number of rollouts per call."""
 BEYOND_BOUNDS = 1e12
 """Fitness that a gait beyond its bounds loses: more than any fitness, in the objective's unit."""
@@ -29,7 +29,7 @@ FARTHEST = 1e6
 """Excess, as a multiple of the bounds, beyond which all gaits rank the same."""
 LEAST_SKEWED = 1e-6
 """Smallest skewness over pairs of robots that matters. Below it, the effect is rounding."""
-ROUND = SMALLEST
+ROBOTS_PER_ROUND = SMALLEST_CALL
 """Number of robots that the final evaluation adds per round. Fewer robots would take as long."""
 
 
@@ -215,9 +215,9 @@ def _worth(
 
 def call_size(rows: int, model: RolloutModel) -> int:
     """Number of rollouts per call for `rows` requested ones: as many as all cores integrate side by side, or a smaller
-    power of two, at least `SMALLEST`."""
+    power of two, at least `SMALLEST_CALL`."""
     most = jax.device_count() * most_lanes(model.scene, model.options)
-    return max(SMALLEST, min(most, 1 << (rows - 1).bit_length()))
+    return max(SMALLEST_CALL, min(most, 1 << (rows - 1).bit_length()))
 
 
 def scored(

@@ -17,7 +17,7 @@ from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.judging import Fitness, ensembles_rolled_out, over_robots
 from jaxgrity.search.models import model_of
 from jaxgrity.search.objectives import SteadySpeed
-from jaxgrity.search.paths import MOMENTS, SETTLING, parts_of, path_bend, steady_velocity, whole_cycles
+from jaxgrity.search.paths import MOMENTS, SETTLING_SHARE, parts_of, path_bend, steady_velocity, whole_cycles
 from jaxgrity.stepping.options import Options
 
 
@@ -92,7 +92,8 @@ def robot_motions(
     check_count("robots", robots, 1)
     check_count("seed", seed, 0)
     duration = max(
-        check_number("duration", duration, above=0.0, unit="s"), float(scene.gait.start + scene.gait.ramp) / SETTLING
+        check_number("duration", duration, above=0.0, unit="s"),
+        float(scene.gait.start + scene.gait.ramp) / SETTLING_SHARE,
     )
     if cycle is None:
         parts, duration = parts_of(scene, scene.gait, duration)

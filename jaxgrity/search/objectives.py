@@ -14,7 +14,7 @@ from jaxgrity.core.types import PerGait, Scalar
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.populations.metrics import Metrics, cost_of_transport
 from jaxgrity.populations.population import Outcomes
-from jaxgrity.search.paths import PARTS, parts_of_path, path_bend, steady_velocity
+from jaxgrity.search.paths import FEWEST_PARTS, parts_of_path, path_bend, steady_velocity
 
 INSIDE = 1 - 1e-5
 """Share of the bound on rates that is used, so that no rounding carries a gait beyond the bound."""
@@ -97,7 +97,7 @@ class SteadySpeed(Objective):
     unit: ClassVar[str] = "body lengths/s"
     needs_metrics: ClassVar[bool] = False
     any_heading: ClassVar[bool] = True
-    parts: ClassVar[int] = PARTS
+    parts: ClassVar[int] = FEWEST_PARTS
 
     def worth(self, scene, outcomes, duration):
         velocity = steady_velocity(outcomes, duration)
@@ -115,7 +115,7 @@ class SteadyDirection(Objective):
     unit: ClassVar[str] = "body lengths/s"
     needs_metrics: ClassVar[bool] = False
     any_heading: ClassVar[bool] = False
-    parts: ClassVar[int] = PARTS
+    parts: ClassVar[int] = FEWEST_PARTS
 
     def worth(self, scene, outcomes, duration):
         velocity = steady_velocity(outcomes, duration)
@@ -138,7 +138,7 @@ class SteadyTurn(Objective):
     needs_metrics: ClassVar[bool] = False
     any_heading: ClassVar[bool] = True
     either_hand: ClassVar[bool] = False
-    parts: ClassVar[int] = PARTS
+    parts: ClassVar[int] = FEWEST_PARTS
 
     def parts_of(self, scene, duration):
         return parts_of_path(scene, duration)

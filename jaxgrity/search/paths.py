@@ -13,9 +13,9 @@ from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.populations.population import Outcomes
 
-PARTS = 24
+FEWEST_PARTS = 24
 """Fewest parts of a rollout at whose ends steady objectives look at the centre of mass."""
-SETTLING = 0.25
+SETTLING_SHARE = 0.25
 """First share of a rollout, which steady objectives ignore while the robot settles."""
 LONGEST_PART = 2.5
 """Longest time between two looks at a path, s for a body of one metre. In that time a path must turn by less than half
@@ -25,13 +25,13 @@ MOMENTS = 7
 depends on the moment, as the robot sways towards the centre of its circle. A prime number of moments averages all
 swaying that is not as quick as they are."""
 QUARTERS = 4
-"""Factor of the number of parts, so that one part ends where `SETTLING` does."""
+"""Factor of the number of parts, so that one part ends where `SETTLING_SHARE` does."""
 
 
 def parts_of_path(scene: Scene, duration: float) -> int:
-    """A multiple of `PARTS`, of which none is longer than `LONGEST_PART`; `duration` is in s."""
+    """A multiple of `FEWEST_PARTS`, of which none is longer than `LONGEST_PART`; `duration` is in s."""
     longest = LONGEST_PART * float(time_scale(scene))
-    return PARTS * max(1, math.ceil(duration / PARTS / longest - 1e-9))
+    return FEWEST_PARTS * max(1, math.ceil(duration / FEWEST_PARTS / longest - 1e-9))
 
 
 def parts_of(scene: Scene, gaits: Gait, duration: float) -> tuple[int, float]:
@@ -65,7 +65,7 @@ def path_bend(scene: Scene, outcomes: Outcomes, duration: Scalar, moments: int =
     turned = jnp.arctan2(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0], jnp.sum(a * b, axis=2))
     of_each = _over_moments(turned, moments)
     length = count * chord / jnp.sinc(of_each / (2 * jnp.pi))
-    return length / (duration * (1 - SETTLING)), of_each * count / jnp.maximum(length, 1e-3)
+    return length / (duration * (1 - SETTLING_SHARE)), of_each * count / jnp.maximum(length, 1e-3)
 
 
 def _over_moments(each: Float[AnyArray, "population places"], moments: int) -> PerGait:
@@ -82,12 +82,12 @@ def path_size(scene: Scene, outcomes: Outcomes) -> PerGait:
 def steady_velocity(outcomes: Outcomes, duration: Scalar) -> Float[AnyArray, "population 2"]:
     """(population, 2), m/s, over the settled part of paths in a multiple of `QUARTERS` parts; NaN where one failed."""
     path = _settled(outcomes.com_path[:, :, :2])
-    velocity = (path[:, -1] - path[:, 0]) / (duration * (1 - SETTLING))
+    velocity = (path[:, -1] - path[:, 0]) / (duration * (1 - SETTLING_SHARE))
     return jnp.where((outcomes.failure == 0)[:, None], velocity, jnp.nan)
 
 
 def _settled(path: Float[AnyArray, "population places 2"]) -> Float[AnyArray, "population settled 2"]:
-    return path[:, round(SETTLING * (path.shape[1] - 1)) :]
+    return path[:, round(SETTLING_SHARE * (path.shape[1] - 1)) :]
 
 
 def _along_ground(scene: Scene, path: Float[AnyArray, "population places 3"]) -> Float[AnyArray, "population places 2"]:

@@ -35,7 +35,7 @@ from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.gradients import ClimbTask
 from jaxgrity.search.judging import (
-    ROUND,
+    ROBOTS_PER_ROUND,
     Judging,
     Scores,
     influences,
@@ -257,7 +257,7 @@ def _before_and_after(
 ) -> list[Scores]:
     """Scores of the best start and the best end, by the same ensemble."""
     pair = np.stack([start, end])
-    judging = problem.judging(options).with_robots(min(config.final_robots, ROUND))
+    judging = problem.judging(options).with_robots(min(config.final_robots, ROBOTS_PER_ROUND))
 
     def judged(number: int) -> Scores:
         return _judge_genes(_key(seed, FOR_THE_END, number), problem, pair, judging)

@@ -99,6 +99,7 @@ def climb_on_orbit(
             slope = orbit_slope(problem, genes, options, rollouts - spent)
             spent += slope.cost
         else:
+            # a step too long, and momentum is what led there
             length, memory = length / 2, optimiser.init(genes)
     return Climb(genes, tuple(steps), int(spent), slope.remark)
 
@@ -112,6 +113,7 @@ def orbit_slope(
     assert scene.gait is not None, "a search refuses a scene without a gait"
     here = with_gait(scene, one_gait(genome.gaits(scene.gait, jnp.asarray(genes)[None]), 0))
     directions = np.asarray(_numbers_by_genes(genome, scene.gait, jnp.asarray(genes, float))).T
+    # a tangent costs as much as some rollouts, so genes that move no number of the gait get none
     counts = np.flatnonzero(np.abs(directions).max(1) > 0)
     watch, size = shortest_watch(here.gait) * (1 + 1e-6), float(body_length(scene))
     orbit = find_orbit(here, watch, options=options)

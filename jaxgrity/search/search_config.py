@@ -12,9 +12,9 @@ from jaxgrity.core.arguments import check_count, check_number, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait, actuated_lengths
+from jaxgrity.model.gait_waves import travelling_waves
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.symmetry import gene_permutations, standing_symmetries
-from jaxgrity.model.waves import travelling_waves
 from jaxgrity.orbits.finding import period_of
 from jaxgrity.populations.uncertainty import Differences, Uncertainty, check_strokes, differing, slackened
 from jaxgrity.search.cma_es import fewest
@@ -35,6 +35,7 @@ NO_GAIT = (
     'the scene has no [gait]; expected one to begin from, such as [gait] members = "struts", amplitude = 0.3, '
     "frequency = 0.8, phase = { seed = 1 }"
 )
+"""Message for a scene that a search cannot begin from."""
 FINAL_ROBOTS = 128
 """Most robots that judge what polishing gained: the verdict, which follows, takes more."""
 COMPARED = 16

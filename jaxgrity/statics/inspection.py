@@ -22,7 +22,7 @@ from jaxgrity.statics.vibrations import vibration_modes
 
 LARGEST = 1500
 """Most members for which self-stress and mechanisms are counted: that takes a dense matrix of their number."""
-EXACT = 1e-6
+ZERO_SINGULAR = 1e-6
 """Singular values of A below this share of the largest count as zero, since shapes at rest are not exact."""
 NOTHING = 1e-6
 """A member carries nothing below this share of the force that stretches the softest member to twice its length."""
@@ -177,7 +177,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
     forces = _that_count(structure, member_forces(structure, shape))
     slides = structure.cables is not None and structure.cables.clusters
     countable = not slides and len(edges) <= LARGEST
-    counted = statics_of(shape, edges, structure.supported, EXACT, structure.bodies) if countable else None
+    counted = statics_of(shape, edges, structure.supported, ZERO_SINGULAR, structure.bodies) if countable else None
     edges, density = _densities(structure, shape, forces)
     stressed = counted if counted and at_rest and not loaded and (forces.any() or len(counted.mechanisms)) else None
     modes = vibration_modes(alone, shape)

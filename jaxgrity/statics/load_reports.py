@@ -26,7 +26,7 @@ SLACK, YIELDS, BUCKLES = "goes slack", "yields", "buckles"
 """What happens to a member."""
 SNAPS, DIVERGES = "snaps through", "loses its stability"
 """What happens to a structure: no equilibrium under more load is near, or the equilibria go on, but are unstable."""
-TAUT = 1e-3
+FIRST_LOADS = 1e-3
 """Share of the loads under which a path begins where the structure without loads is loose."""
 LEVEL = 1e-9
 """Relative rise of the load over the step in which stability is lost, up to which the load counts as at its peak."""
@@ -187,7 +187,7 @@ def _path(scene: Scene, rest: np.ndarray, loads: np.ndarray) -> LoadPath:
         return LoadPath(scene, rest, loads)
     except InputError as error:
         try:
-            return LoadPath(scene, resting_shape(scene, rest, TAUT * loads).q, loads, TAUT)
+            return LoadPath(scene, resting_shape(scene, rest, FIRST_LOADS * loads).q, loads, FIRST_LOADS)
         except InputError:
             raise error from None
 

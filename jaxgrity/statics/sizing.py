@@ -122,6 +122,8 @@ def least_mass(
     area = programme.area(forces, buckling)
     while buckling and rounds < ROUNDS and programme.mass(area) < last * (1 - CONVERGED):
         last, rounds = programme.mass(area), rounds + 1
+        # the area against buckling is concave in the compression, so tangents ask for more: each round is safe, and no
+        # heavier than the one before
         forces = programme.solve(np.maximum(-forces, SMALL * programme.size))
         area = programme.area(forces, buckling)
     return LeastMass(scene, materials, hollow, area, programme.mass(area), forces, rounds)

@@ -12,7 +12,7 @@ import scipy.sparse.linalg as spla
 
 WITHIN = 1e-9
 """Relative error of the squared frequencies that are found one by one."""
-APART = 2.0
+LARGEST_RATIO = 2.0
 """Ratio of a squared frequency to the shift below it, at most, from which it is looked for."""
 ROUNDS = 4
 """Number of inverse iterations for motions without resistance."""
@@ -80,7 +80,7 @@ class Spectrum(NamedTuple):
     def next_above(self, square: float) -> float:
         """The smallest squared frequency above this positive one, 1/s^2."""
         low, high, count = square, self.stiffest(), self.below(square)
-        while high > APART * low:
+        while high > LARGEST_RATIO * low:
             middle = np.sqrt(low * high)
             low, high = (middle, high) if self.below(middle) == count else (low, middle)
         return self._beside(low, "LA")

@@ -14,9 +14,9 @@ from jaxgrity.model.structure import Members, check_edges, edge_lengths
 from jaxgrity.statics.form_finding import RANK, super_stable
 from jaxgrity.statics.stiffness import incidence
 
-STEPS = 50
+NEWTON_STEPS = 50
 """Most Newton steps from one start. Where a form is near, fewer than ten reach it."""
-EXACT = 1e-14
+ZERO_EIGENVALUE = 1e-14
 """Largest of the eigenvalues that are to be 0, as a share of the largest eigenvalue: rounding."""
 SPREAD = 0.5
 """Standard deviation of the logarithms of force densities at random starts."""
@@ -179,12 +179,12 @@ def _at_rank(
     strongest = scipy.linalg.eigh(push, pull, eigvals_only=True)[-1]
     p = p - np.log(strongest) * (sign @ member < 0)  # the strongest struts at which no eigenvalue is negative
     a, b = np.triu_indices(dimensions)
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         q = sign * np.exp(member @ p)
         values, vectors = np.linalg.eigh(C.T @ (q[:, None] * C))
         chosen = _lowest(values, dimensions)
         lowest, off = vectors[:, chosen], np.abs(values[chosen]).max() / values[-1]
-        if off <= EXACT:
+        if off <= ZERO_EIGENVALUE:
             break
         d = C @ lowest
         slope = (member.T @ (q[:, None] * d[:, a] * d[:, b])).T
@@ -210,7 +210,7 @@ def _lowest(values: np.ndarray, count: int) -> list[int]:
 def _flaw(x: np.ndarray, edges: Edges, q: np.ndarray, off: float, dimensions: int) -> str | None:
     """What is wrong with a form, in words that follow a number of starts; None if it is super-stable."""
     distance = scipy.spatial.distance.pdist(x)
-    if not off <= EXACT:
+    if not off <= ZERO_EIGENVALUE:
         return f"reached no stress matrix of rank nodes - {dimensions + 1}"
     if distance.min() <= APART * distance.max():
         return "put two nodes in one place"

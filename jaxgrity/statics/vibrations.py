@@ -15,13 +15,14 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.statics.spectrum import Spectrum
 from jaxgrity.statics.stiffness import motions_of, sparse_mass_matrix, stiffness_matrix, with_spring_struts
 
-ROUNDING = 1e-9
+NO_FREQUENCY = 1e-9
 """Squared frequencies below this share of the largest are errors of the shape and of arithmetic."""
 DENSE = 450
 """Most coordinates for which all modes are computed at once. Beyond, a sparse solver finds the lowest alone."""
 BELOW = 1e-7
 """Shift below the lowest mode, as a share of the largest squared frequency, where no mode grows."""
 EPS = float(np.finfo(float).eps)
+"""Relative rounding of a number."""
 LOWEST = 30
 """Default number of lowest modes where not all are computed."""
 
@@ -111,7 +112,7 @@ def frequency_range(scene: Scene, q: NodeVectors, unreal: int = 0) -> FrequencyR
         squares, _, rounding, _, _ = _all_modes(spectrum, real + unreal)
         found = np.sqrt(squares[:real][squares[:real] > rounding]) / (2 * np.pi)
         return FrequencyRange(real - len(found), *(map(float, (found[0], found[-1])) if len(found) else (np.nan,) * 2))
-    rounding = ROUNDING * spectrum.stiffest()
+    rounding = NO_FREQUENCY * spectrum.stiffest()
     zero = min(spectrum.below(rounding), real)
     if zero == real:
         return FrequencyRange(zero, np.nan, np.nan)
@@ -136,7 +137,7 @@ def _all_modes(spectrum: Spectrum, count: int) -> Found:
     # motions without momentum: those that are orthogonal to rigid ones with respect to M
     basis = scipy.linalg.null_space(momentum.T) if rigid.shape[1] else np.eye(K.shape[0])
     squares, y = scipy.linalg.eigh(basis.T @ (K @ basis), basis.T @ (M @ basis))
-    rounding = max(ROUNDING * squares[:count].max(initial=0), 100 * EPS * float(np.abs(squares).max(initial=0)))
+    rounding = max(NO_FREQUENCY * squares[:count].max(initial=0), 100 * EPS * float(np.abs(squares).max(initial=0)))
     zero, growing = (int(np.sum(squares < side)) for side in (rounding, -rounding))
     return squares[:count], basis @ y[:, :count], rounding, zero, growing
 
@@ -146,13 +147,13 @@ def _lowest_modes(spectrum: Spectrum, count: int) -> Found:
     stiffest, shift = spectrum.stiffest(), -BELOW
     while spectrum.below(shift * stiffest):  # the nearest to a shift below all are the lowest
         shift = 10 * shift
-    many = spectrum.below(ROUNDING * stiffest) >= count
+    many = spectrum.below(NO_FREQUENCY * stiffest) >= count
     squares, x = (spectrum.without_resistance if many else spectrum.lowest)(count, shift * stiffest)
-    rounding = max(ROUNDING * squares.max(initial=0), 100 * EPS * stiffest)
+    rounding = max(NO_FREQUENCY * squares.max(initial=0), 100 * EPS * stiffest)
     zero, growing = (int(np.sum(squares < side)) for side in (rounding, -rounding))
     # where these are all that was asked for, there may be more
     zero, growing = (
-        spectrum.below(sign * ROUNDING * stiffest) if found == count else found
+        spectrum.below(sign * NO_FREQUENCY * stiffest) if found == count else found
         for sign, found in ((1, zero), (-1, growing))
     )
     return squares, x, rounding, max(zero, growing), growing

@@ -203,6 +203,7 @@ def _and_struts(
     nodes, (i, j) = len(v), ends_of(capsules)
     closing = closing_speed(ground, size, h, of_points(touching, capsules, v), touching.met)
     moves = touching.found & np.asarray(scene.structure.free.any(1))[[i, j]].any(0)
+    # arrays keep their shapes: a point that is not there, or cannot move, is so far away that no step closes its gap
     closing = jnp.where(moves, closing, -NEVER * speed_scale(scene))
     mu, each = contact.mu, None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
     if each is not None and each.ndim:

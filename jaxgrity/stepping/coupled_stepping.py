@@ -109,6 +109,7 @@ def _solved(
     if parts is None:
         return solve_step(problem_of(constraints), guess, near)
     found = []
+    # the cost of a factorisation grows with the cube of its size: many small ones cost less than one
     for alike in parts:
         problems = jax.vmap(problem_of)(of_parts(constraints, alike))
         found.append(solve_step(problems, guess[alike.contacts], near[alike.nodes], side_by_side=True))
@@ -149,6 +150,7 @@ class CoupledImpulses(Complementarity):
         # robots that rest or slide need nearly the impulses of their last step: Newton's method begins there
         found = solve(scene, (h, t1), start, free, free, memory.impulses, touching)
         if scene.dissipates:
+            # dampers act at the mean velocity of the step, which the first solution predicts: that is of second order
             _, a = field(t0, (q, (v + found.velocity) / 2), acting)
             free = self._carried(scene, t0, t1, v + kick * a)
             found = solve(scene, (h, t1), start, free, found.velocity, found.impulses, touching)
@@ -158,6 +160,7 @@ class CoupledImpulses(Complementarity):
             met = met & (found.off <= self.tolerance)
         if touching.each_other is not None:
             met = met & ~touching.each_other.missed
+        # a step that is not solved ends this robot alone: its failure code reads NaN
         w = jnp.where(met, found.velocity, jnp.nan)
         taken = jnp.broadcast_to(h, jnp.shape(memory.step_size))
         return w, CoupledState(taken, found.impulses, found.struts, found.error)

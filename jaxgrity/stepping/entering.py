@@ -19,7 +19,7 @@ ROUNDINGS = 16
 SAME_SIDE = 0.5
 """Smallest cosine of the angle between two normals: where a node enters a solid, and where its way ends. Up to that
 angle, a later step still pushes the node out of the face that it came through."""
-DEEPEST = 8.0
+OTHER_SIDE = 8.0
 """Factor on the node's way and on its distance from a solid. A solid that the node would leave on another side counts
 as deeper by that much, so that the node meets it before all others."""
 TRIALS = 16
@@ -126,7 +126,7 @@ def _met_of(solid: Surface, size: Scalar, share: PerNode, start: Coordinates, wa
         normal = [jnp.where(same, a, b) for a, b in zip(there, normal)]
         distance, share = jnp.where(same, farther, distance), jnp.where(same, touched, share)
     ends = distance + (1 - share) * _along(way, tuple(normal))
-    deepest = ends - DEEPEST * (jnp.abs(distance) + sum(map(jnp.abs, way)))
+    deepest = ends - OTHER_SIDE * (jnp.abs(distance) + sum(map(jnp.abs, way)))
     return [jnp.where(turns, deepest, ends), *normal, distance, share]
 
 

@@ -100,6 +100,7 @@ def part_shares(scene: Scene, q: NodeVectors, v: NodeVectors, shape: AnyArray, r
 
             return jnp.sum(jax.vmap(lambda x: x * jax.jvp(force, (q, v), (x, rate * x))[1])(shape))
 
+        # all factors are 1: the derivative by a factor is the work of its part
         return jax.grad(work)(jnp.ones(len(named_parts(term, scene))))
 
     return [share(law) for law in scene.laws if isinstance(law, ForceTerm)]
@@ -147,6 +148,7 @@ def strictest(scene: Scene, method: Method, enough: float = np.inf) -> tuple[flo
     limit, strict = enough, cases[0]
     for case in cases:
         motion = _sparse_if_large(*case)
+        # bounds are cheap; eigenvalues of large structures are sought only where the bounds cannot say
         if motion is not None and np.isfinite(limit) and surely_stable(motion, method, limit):
             continue
         found = largest_step(linearise(*case) if motion is None else leading_modes(motion, method), method)

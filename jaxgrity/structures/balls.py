@@ -9,6 +9,7 @@ from jaxgrity.core.types import Edges
 from jaxgrity.structures.geometry import Geometry
 
 GOLDEN = (1 + 5**0.5) / 2
+"""The golden ratio, which coordinates of the ball of 30 struts contain."""
 
 Axis = tuple[float, float, float]
 

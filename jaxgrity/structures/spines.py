@@ -7,6 +7,7 @@ from jaxgrity.model.bodies import rigid_body
 from jaxgrity.structures.geometry import Geometry, RobotGeometry, at_least, check_positive
 
 TETRAHEDRON = ((0, 1), (2, 3), (0, 2), (0, 3), (1, 2), (1, 3))
+"""Struts of a vertebra: the six edges of a tetrahedron, by its nodes."""
 
 
 def tetrahedral_spine(vertebrae: int = 3, width: float = 0.3, height: float = 0.3, spacing: float = 0.2) -> Geometry:

@@ -164,6 +164,7 @@ def _beside(scene: Scene, times: Times, options: ResolvedOptions) -> tuple[Amoun
 
     nothing = jax.tree.map(jnp.zeros_like, powers(scene, 0.0, *start))
     _, solver = discretise(options)
+    # as equations of the same method, the works have its order; a sum over frames would not
     scheme = (diffrax.ODETerm(field), solver)
     (q, v), work = integrate((start, nothing), jnp.asarray(times), scene, options, scheme=scheme).ys  # type: ignore[misc]
     if options.dt is not None:
@@ -227,6 +228,7 @@ def _step_by_step(
 
     def frame(number, held):
         carry, rows = held
+        # a loop in a loop: memory holds the frames, not every step
         carry = jax.lax.fori_loop(number * count, (number + 1) * count, booked_step, carry)
         return carry, jax.tree.map(lambda all_of, x: all_of.at[number + 1].set(x), rows, (carry[0].motion, carry[1]))
 
@@ -235,6 +237,8 @@ def _step_by_step(
     rows = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(times), *jnp.shape(x))), (first.motion, nothing))
     start = (first, nothing, jnp.zeros_like(h))
     (*_, missed), ((path, speeds), work) = jax.lax.fori_loop(0, frames - 1, frame, (start, rows))
+    # impulsive velocities are those of the middle of a step: positions and times go back to there, so that T and U are
+    # of the same moment
     back = jnp.where(jnp.arange(len(times)) > 0, h / 2, 0) if still.impulsive else 0 * times
     path = path - back[:, None, None] * speeds
     return _amounts(scene, jnp.asarray(times) - back, path, speeds), work, missed

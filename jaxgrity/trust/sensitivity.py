@@ -37,6 +37,7 @@ class Sensitivity(NamedTuple):
     @property
     def growth_rate(self) -> float:
         """Growth rate of the norm in the second half of the simulation, 1/s: a finite-time Lyapunov exponent."""
+        # the first half is transient: what a disturbance does at once says nothing of how it grows
         late = (self.times >= self.times[-1] / 2) & (self.norm > 0) & np.isfinite(self.norm)
         return float(np.polyfit(self.times[late], np.log(self.norm[late]), 1)[0]) if late.sum() > 1 else np.nan
 

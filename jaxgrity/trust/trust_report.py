@@ -22,7 +22,7 @@ from jaxgrity.trust.energy_audit import EnergyAudit, energy_audit
 from jaxgrity.trust.error_bars import refinement_bar, timing_bar
 from jaxgrity.trust.sensitivity import Sensitivity, last_within, sensitivity
 
-UNCERTAIN = 0.01
+STATE_ERROR = 0.01
 """Uncertainty of each phase, rad; without a gait, of the initial velocities, m/s for a body of one metre."""
 PREDICTABLE = 0.01
 """Largest error of the centre of mass that counts as predicted, m for a body of one metre."""
@@ -61,7 +61,7 @@ class TrustReport(NamedTuple):
     def horizon(self) -> float:
         """Time up to which the error of the centre of mass stays within `predictable`, s.
 
-        Until then neither the error bar exceeds it, nor the effect of an error `UNCERTAIN` in the phases (without a
+        Until then neither the error bar exceeds it, nor the effect of an error `STATE_ERROR` in the phases (without a
         gait, in the initial velocities). If this holds to the end of the simulation, the horizon is that end.
         """
         exact = last_within(np.asarray(self.trajectory.times), self.error_bars, self.predictable)
@@ -69,7 +69,7 @@ class TrustReport(NamedTuple):
             return exact
         scene, in_phases = self.trajectory.scene, self.sensitivity.unit == "m/rad"
         speed = 1.0 if scene is None or in_phases else float(speed_scale(scene))
-        return min(exact, self.sensitivity.horizon(self.predictable / (UNCERTAIN * speed)))
+        return min(exact, self.sensitivity.horizon(self.predictable / (STATE_ERROR * speed)))
 
     @property
     def predictable(self) -> float:

@@ -26,7 +26,7 @@ from jaxgrity import (
 from jaxgrity import simulate_population as roll
 from jaxgrity.model import rigid_body
 from jaxgrity.model.scene import as_dtype
-from jaxgrity.populations.metrics import WINDOW, actuator_tension, initial_metrics, updated_metrics
+from jaxgrity.populations.metrics import FORCE_WINDOW, actuator_tension, initial_metrics, updated_metrics
 from jaxgrity.search.objectives import CostOfTransport, JumpHeight, Straightness
 from jaxgrity.stepping.complementarity import CoupledState
 from jaxgrity.stepping.loop import Carried, Step
@@ -236,7 +236,7 @@ def test_forces_stand_in_the_gaits_order(reference):
     @eqx.filter_jit
     def one_step(scene):
         return updated_metrics(
-            scene, Step(1.5, WINDOW, Carried(state, None), Carried(state, None)), initial_metrics(scene)
+            scene, Step(1.5, FORCE_WINDOW, Carried(state, None), Carried(state, None)), initial_metrics(scene)
         )
 
     metrics = one_step(as_dtype(scene, "float64"))
@@ -247,10 +247,10 @@ def test_forces_stand_in_the_gaits_order(reference):
         moves = 0 if k == 2 else 1
         before, after = (
             members.rest_length[row] * (1 - moves * delta / 2 * (1 + np.sin(2 * np.pi * f * t + phase)))
-            for t in (1.5, 1.5 + WINDOW)
+            for t in (1.5, 1.5 + FORCE_WINDOW)
         )
         forces.append(members.stiffness[row] * (np.linalg.norm(q[i] - q[j]) - after))
-        rates.append(abs(after - before) / WINDOW)
+        rates.append(abs(after - before) / FORCE_WINDOW)
     assert forces[2] < 0
     forces[2] = 0.0
     assert rates[3] == 0
