@@ -198,8 +198,8 @@ class Verdict(NamedTuple):
     other_model: Scores
     """on the scene's contact twin"""
     beyond: float
-    """share of robots that exceed a bound on their actuators: of those of `robust`, or of `ROBOTS_PER_ROUND` robots with
-    bounds on forces or powers"""
+    """share of robots that exceed a bound on their actuators: of those of `robust`, or of `ROBOTS_PER_ROUND` robots
+    where forces or powers have bounds"""
 
     def summary(self) -> dict[str, Any]:
         """The numbers for a JSON file; SI units. Robots that failed are counted, and in no other number."""

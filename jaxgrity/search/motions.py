@@ -109,7 +109,7 @@ def robot_motions(
     speed, bend = (np.asarray(each, float) for each in _path_bend(scene, outcomes, np.asarray(duration), MOMENTS))
     velocity = np.asarray(steady_velocity(outcomes, np.asarray(duration)), float)
     speed, bend = (np.where(held, each, np.nan) for each in (size * speed, bend))
-    return RobotMotions(speed, velocity, bend, SETTLING * duration)
+    return RobotMotions(speed, velocity, bend, SETTLING_SHARE * duration)
 
 
 _path_bend = eqx.filter_jit(path_bend)
