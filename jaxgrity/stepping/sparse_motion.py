@@ -49,7 +49,7 @@ class SparseMotion(NamedTuple):
     """(constraints, n), J"""
     place: sp.csr_array
     """(3 nodes, n), how all coordinates follow these"""
-    coupling: float = 1.0
+    coupling: float
     """lower bound for x'Mx / x'Dx with the diagonal D of M: below 1 for members and bodies with mass"""
 
     def bounds(self) -> tuple[float, float]:
