@@ -27,7 +27,9 @@ class Parameter(NamedTuple):
     """One unknown number. z times `spread` is the logarithm of a factor, or an offset."""
 
     path: str
-    """its place, such as "structure.cables.stiffness" or "friction.mu": any array of numbers in the scene"""
+    """its place, such as "structure.cables.stiffness" or "friction.mu": any array of numbers in the scene. That of mass
+    and inertia of the first rigid body, in proportion, is "structure.bodies.0.matrix"; "structure.node_mass" adds to
+    them at its nodes"""
     spread: float
     """plausible error of the scene before measurements: a standard deviation"""
     kind: str = "factor"

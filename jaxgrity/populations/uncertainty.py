@@ -126,11 +126,11 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
 
 
 def part_of(scene: Any, path: str) -> Any:
-    """The value at a path of attributes, such as "structure.cables.stiffness"; None if an attribute is missing."""
-    found: Any = scene
+    """The value at a path of attributes and numbers, such as "structure.bodies.0.matrix"; None if one is missing."""
     for name in path.split("."):
-        found = getattr(found, name, None)
-    return found
+        numbered = isinstance(scene, tuple) and name.isdecimal() and int(name) < len(scene)
+        scene = scene[int(name)] if numbered else getattr(scene, name, None)
+    return scene
 
 
 LESS_THAN = {"phase": np.pi / 2, "slope": np.pi / 2, "terrain": np.inf}

@@ -32,6 +32,10 @@ PENALTY_KEPT = 10
 """Iterations of that method between changes of its penalty: each change costs the inverse of a matrix."""
 ROUNDS = 20
 """Most rounds of both methods in turn, after Newton's method has failed for the first time."""
+RIDGE = 0.75
+"""Power of the rounding error that is added to the diagonal of sticking contacts. A body that rests on more contacts
+than it has motions makes their matrix singular. A smaller ridge lets rounding errors through, a larger one costs
+iterations."""
 HALVINGS = 8
 """Number of lengths that are tried for a Newton step: the whole step, a half of it, a quarter, and so on."""
 
@@ -108,7 +112,7 @@ def _repeat(whether: AnyArray, times: int, step: Callable, state: "_Splitting") 
 def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
     """Newton's method on H, each step with the length of least |H|; the best of all points."""
     size, one = start.size, jnp.eye(start.size, dtype=start.dtype)
-    ridge = 10 * jnp.finfo(start.dtype).eps
+    ridge = jnp.finfo(start.dtype).eps ** RIDGE
 
     def error(z):
         return jnp.max(jnp.abs(missed(problem, z)) / problem.root_mass[:, None])

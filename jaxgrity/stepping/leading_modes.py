@@ -80,7 +80,8 @@ def _largest(step: Callable, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 def _growing(motion: SparseMotion, bound: float) -> np.ndarray:
     """(n, few), the displacements with the least stiffness, where a stiffness may be negative; else none."""
-    n, shifts = motion.mass.shape[0], bound * np.logspace(-9, 1, 11)
+    # thin bodies, which hardly resist being bent, make the bound large: small shifts are not to grow with it
+    n, shifts = motion.mass.shape[0], bound * np.geomspace(1e-9 * motion.coupling, 10, 11)
     shifted = (sp.csc_array(motion.stiffness + shift * motion.mass) for shift in shifts)
     shift, definite = next((x, K) for x, K in zip(shifts, shifted) if factor_if_definite(K) is not None)
     if shift == shifts[0]:

@@ -1,5 +1,6 @@
 """The linearised motion of a large structure by sparse matrices: no array grows as the square of the nodes."""
 
+import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -15,7 +16,8 @@ from jaxgrity.core.types import AnyArray, NodeVectors, State
 from jaxgrity.model.inertia import momenta
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.shaking import support_acceleration
-from jaxgrity.statics.stiffness import all_edges, sparse_mass_matrix
+from jaxgrity.model.structure import Structure
+from jaxgrity.statics.stiffness import all_edges, coordinate_map, sparse_mass_matrix
 from jaxgrity.stepping.dynamics import smooth_force
 from jaxgrity.stepping.linearised import Linearised, constraint_rows, turning
 
@@ -32,7 +34,8 @@ SEPARATE = 1e-9
 
 
 class SparseMotion(NamedTuple):
-    """Linearised motion M y'' = -K y - C y' + J' f with J y = 0, for the n coordinates y that no support holds."""
+    """Linearised motion M y'' = -K y - C y' + J' f with J y = 0, for the n coordinates y that neither supports hold nor
+    bodies carry."""
 
     mass: sp.csc_array
     """(n, n), kg"""
@@ -45,13 +48,13 @@ class SparseMotion(NamedTuple):
     rows: sp.csr_array
     """(constraints, n), J"""
     place: sp.csr_array
-    """(3 nodes, n), where these coordinates are among all"""
+    """(3 nodes, n), how all coordinates follow these"""
+    coupling: float
+    """lower bound for x'Mx / x'Dx with the diagonal D of M: below 1 for members and bodies with mass"""
 
     def bounds(self) -> tuple[float, float]:
         """Upper bounds for x'Kx / x'Mx, 1/s^2, and x'Cx / x'Mx, 1/s, by Gershgorin's theorem."""
-        least = self.mass.diagonal()
-        # a member's mass: [[2, 1], [1, 2]] is at least half of its diagonal
-        least = least if abs(self.mass).sum() == least.sum() else least / 2
+        least = self.coupling * self.mass.diagonal()
         K, C = (float((abs(x).sum(axis=1) / least).max(initial=0)) for x in (self.stiffness, self.damping))
         return K, C
 
@@ -72,38 +75,56 @@ class SparseMotion(NamedTuple):
     def reduced(self, motions: np.ndarray) -> Linearised:
         """The motion within the span of displacements, (n, k)."""
         size = np.linalg.norm(motions, axis=0)
-        basis = motions[:, size > 0] / size[size > 0]
-        strengths, axes = np.linalg.eigh(basis.T @ (self.mass @ basis))
-        kept = strengths > DEPENDENT * strengths.max(initial=0)
-        basis = basis @ (axes[:, kept] / np.sqrt(strengths[kept]))
-        # once more, without what violates constraints: rounding has been divided by the smallest strength
-        basis = np.stack([self.solve(x) for x in (self.mass @ basis).T], axis=1)
-        root = np.linalg.cholesky(basis.T @ (self.mass @ basis))
-        basis = np.linalg.solve(root, basis.T).T
+        basis = self._normalised(motions[:, size > 0] / size[size > 0])
+        # once more, without what violates constraints: rounding has been divided by the smallest strength. Where
+        # constraints leave few motions, more have been sought than there are, and nothing is left of the rest
+        basis = self._normalised(np.stack([self.solve(x) for x in (self.mass @ basis).T], axis=1))
         stiffness, damping = (basis.T @ (x @ basis) for x in (self.stiffness, self.damping))
         return Linearised(stiffness, damping, self.place @ basis)
 
+    def _normalised(self, basis: np.ndarray) -> np.ndarray:
+        """A basis B of the same displacements, (n, k), without dependent ones: B'MB = 1."""
+        strengths, axes = np.linalg.eigh(basis.T @ (self.mass @ basis))
+        kept = strengths > DEPENDENT * strengths.max(initial=0)
+        return basis @ (axes[:, kept] / np.sqrt(strengths[kept]))
+
 
 def sparse_motion(scene: Scene, state: State) -> SparseMotion | None:
-    """`linearise` with sparse matrices; None where forces join nodes otherwise than by members, and for bodies."""
+    """`linearise` with sparse matrices; None where forces join nodes otherwise than by members and bodies."""
     structure = scene.structure
-    if structure.bodies:
-        return None
     with jax.enable_x64(True), evaluated():
         q, v = (np.asarray(x, float) for x in state)
         found = _force_and_slopes(as_dtype(scene, "float64"), q, v)
     if found is None:
         return None
     force, K, C = found
-    free = np.flatnonzero(structure.free.ravel())
-    M, J = sparse_mass_matrix(structure)[free][:, free], constraint_rows(scene, q)[:, free]
-    place = sp.csr_array((np.ones(len(free)), (free, np.arange(len(free)))), shape=(q.size, len(free)))
+    follow, free = coordinate_map(structure)
+    place = sp.csr_array(sp.csc_array(follow)[:, free])
+    M, J = _onto(place, sparse_mass_matrix(structure)), sp.csr_array(constraint_rows(scene, q) @ place)
     if J.shape[0]:
-        K = K - turning(scene, q, _constraint_forces(M, J, force.ravel()[free]))
-    K, C = (sp.csr_array(sp.csr_array(x)[free][:, free]) for x in (K, C))
+        K = K - turning(scene, q, _constraint_forces(sp.csc_array(M), J, place.T @ force.ravel()))
+    K, C = (_onto(place, x) for x in (K, C))
     for x in (K, C):
         x.eliminate_zeros()
-    return SparseMotion(sp.csc_array(M), K, C, constrained_inverse(M, J), J, place)
+    M = sp.csc_array(M)
+    return SparseMotion(M, K, C, constrained_inverse(M, J), J, place, _coupling(structure))
+
+
+def _onto(place: sp.csr_array, x: sp.sparray) -> sp.csr_array:
+    """A quadratic form of all coordinates as one of those that the others follow."""
+    found = sp.csr_array(place.T @ sp.csr_array(x) @ place)
+    found.sort_indices()
+    return found
+
+
+def _coupling(structure: Structure) -> float:
+    """`SparseMotion.coupling`: the smallest one of all nodes, members and bodies, of whose parts M is the sum."""
+    bounds = [1.0, *(0.5 for mass, _ in structure.rod_masses if np.any(mass))]  # [[2, 1], [1, 2]]
+    for body in structure.bodies:
+        matrix = np.asarray(body.matrix, float)
+        root = np.sqrt(matrix.diagonal())
+        bounds.append(float(np.linalg.eigvalsh(matrix / np.outer(root, root))[0]))
+    return min(bounds)
 
 
 def _constraint_forces(M: sp.csc_array, J: sp.csr_array, force: np.ndarray) -> np.ndarray:
@@ -140,9 +161,14 @@ def _with_constraints(
 
 
 def _neighbours(scene: Scene) -> sp.csr_array:
-    """(nodes, nodes): which nodes' forces depend on which nodes' places, by members or by cables in clusters."""
+    """(nodes, nodes): which nodes' forces depend on which nodes' places, by members, bodies or cables in clusters.
+
+    A ball's friction depends on how its body turns.
+    """
     structure = scene.structure
     pairs = [(node, node) for node in range(len(structure.nodes))] + list(all_edges(structure))
+    for body in structure.bodies:
+        pairs += itertools.combinations(sorted(body.points), 2)
     for members in structure.members:
         for cluster in members.clusters:
             axles = [pulley.axle for pulley in members.pulleys if pulley.axle and pulley.between[0] in cluster]

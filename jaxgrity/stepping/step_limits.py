@@ -13,6 +13,7 @@ from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.body_points import independent_nodes
 from jaxgrity.model.laws import DissipationTerm, EnergyTerm, ForceTerm, named_parts
 from jaxgrity.model.pulleys import built_lengths
 from jaxgrity.model.scales import length_scale, time_scale
@@ -25,7 +26,8 @@ from jaxgrity.stepping.sparse_motion import SparseMotion, sparse_motion
 STANDS_ON = 3
 """Smallest number of nodes that carry the weight on uneven ground, where only one touches at first."""
 DENSE = 150
-"""Most coordinates for which all motions are computed. Beyond, a sparse solver finds those that limit the step."""
+"""Most independent coordinates for which all motions are computed. Beyond, a sparse solver finds those that limit the
+step."""
 LARGEST_STEP = 5e-3
 """Largest default step, s for a body of one metre. The time of an impact is known only to a step."""
 
@@ -66,7 +68,9 @@ def _limiting_motions(scene: Scene, state: State, method: Method) -> Linearised:
 
 
 def _sparse_if_large(scene: Scene, state: State) -> SparseMotion | None:
-    return sparse_motion(scene, state) if np.count_nonzero(scene.structure.free) > DENSE else None
+    structure = scene.structure
+    independent = independent_nodes(structure.bodies, len(structure.nodes))
+    return sparse_motion(scene, state) if np.count_nonzero(structure.free[list(independent)]) > DENSE else None
 
 
 @typed

@@ -25,6 +25,8 @@ from jaxgrity.identification import (
     profile_likelihood,
     uncertainty_of,
 )
+from jaxgrity.identification.parameters import check_parameters
+from jaxgrity.model import rigid_body
 
 STIFFNESS = Parameter("structure.cables.stiffness", spread=0.3)
 MASS = Parameter("structure.node_mass", spread=0.3)
@@ -217,6 +219,39 @@ def test_parameters_change_what_they_name():
     moved = changed(scene, [STIFFNESS, Parameter("structure.node_mass", 0.5, "offset", (1,))], np.array([1.0, 2.0]))
     np.testing.assert_allclose(moved.structure.cables.stiffness, [100 * np.exp(0.3)])
     np.testing.assert_allclose(moved.structure.node_mass, [0.0, 3.0])
+
+
+def swinging_body() -> Scene:
+    """A flywheel about a fixed point, held by a cable."""
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [0, 0.3, 0], [0, 0, 0.3], [1, 0, -0.5]])
+    body = rigid_body(nodes, range(4), 2.0, [0.1, 0.1, 0.1], nodes[0], basic=(0,))
+    cable = Members(((1, 4),), [50.0], [0.3])
+    return Scene(Structure(nodes, np.zeros(5), cables=cable, fixed=((0, "xyz"), (4, "xyz")), bodies=(body,)))
+
+
+def test_parameters_are_those_of_single_bodies():
+    """By their numbers; a body that is not there is refused."""
+    scene = swinging_body()
+    (body,) = changed(scene, [Parameter("structure.bodies.0.matrix", 0.5)], np.array([1.0])).structure.bodies
+    np.testing.assert_allclose(body.matrix, np.exp(0.5) * scene.structure.bodies[0].matrix)
+    for path in ("structure.bodies.1.matrix", "structure.bodies.matrix", "structure.bodies.-1.matrix"):
+        with pytest.raises(InputError, match="the scene has no such numbers"):
+            check_parameters(scene, [Parameter(path, 0.5)])
+
+
+@pytest.mark.slow
+def test_a_motion_tells_the_inertia_of_a_body():
+    """With a known start; a third more than the scene says."""
+    scene, options = swinging_body(), SolverOptions(dt=5e-3, dtype="float64")
+    matrix = Parameter("structure.bodies.0.matrix", 0.5)
+    true = changed(scene, [matrix], np.array([np.log(4 / 3) / 0.5]))
+    moved = simulate(true, 0.5, options=options, frame_rate=20.0)
+    seen = np.asarray(moved.positions)[:, 1, 2:]
+    start = Starts(np.asarray(moved.positions), spread=None)
+    motion = measured_motion(scene, np.asarray(moved.times), seen, 1e-4, HEIGHT, start, options=options)
+    (estimate,) = identify(scene, [matrix], motion).estimates
+    assert estimate.standard_error < 0.01
+    np.testing.assert_allclose(estimate.value, 4 / 3, rtol=1e-4)
 
 
 def test_robots_are_drawn_from_what_is_left(stiffer):

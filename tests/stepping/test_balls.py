@@ -38,6 +38,16 @@ def sphere(mu: float) -> Scene:
     return Scene(Structure(nodes, np.zeros(4), bodies=(body,)), G, ground=ground, friction=ConeFriction(mu))
 
 
+def cylinder() -> Scene:
+    """A solid one across a rough slope, with a ball at either end of its axis, and two further points."""
+    half, moment = 0.2, MASS * (3 * RADIUS**2 + 0.4**2) / 12
+    ends = RADIUS * NORMAL + np.array([[0, -half, 0], [0, half, 0]])
+    nodes = np.concatenate([ends, ends[:1] + RADIUS * np.eye(3)[[0, 2]]])
+    body = rigid_body(nodes, range(4), MASS, [moment, MASS * RADIUS**2 / 2, moment], ends.mean(0))
+    ground = ExactGround(SLOPE, balls=Balls((0, 1), [RADIUS] * 2))
+    return Scene(Structure(nodes, np.zeros(4), bodies=(body,)), G, ground=ground, friction=ConeFriction(0.5))
+
+
 SLIDING = G * (math.sin(SLOPE) - 0.02 * math.cos(SLOPE))
 """m/s^2, where mu is 0.02"""
 
@@ -51,6 +61,17 @@ def test_a_sphere_rolls_or_slides_as_galilei_says():
         assert not motion.failed
         assert np.linalg.norm(path[-1] - path[0]) == pytest.approx(a / 2, rel=1e-12)
         np.testing.assert_allclose(path @ NORMAL, RADIUS, atol=1e-14)
+
+
+@pytest.mark.slow
+def test_a_cylinder_rolls_on_two_balls():
+    """2/3 g sin: half of its mass counts once more as it turns. Both ends touch, and share friction in many ways."""
+    motion = simulate(cylinder(), 1.0, options=SolverOptions(dt=4e-3))
+    ends = np.asarray(motion.positions)[:, :2]
+    assert not motion.failed
+    way = np.linalg.norm(ends[-1] - ends[0], axis=1)
+    np.testing.assert_allclose(way, G * math.sin(SLOPE) / 1.5 / 2, rtol=1e-9)
+    np.testing.assert_allclose(ends @ NORMAL, RADIUS, atol=1e-12)
 
 
 @pytest.mark.campaign

@@ -31,8 +31,9 @@ from jaxgrity import (
     simulate_population,
 )
 from jaxgrity.model import rest_length
-from jaxgrity.stepping import discretise, integrate, resolve
+from jaxgrity.stepping import coupled_contacts, discretise, integrate, resolve
 from jaxgrity.stepping.coupled_contacts import onto_cone
+from jaxgrity.stepping.ground_response import Contact
 
 G = 9.81
 ANSWERS = json.loads((Path(__file__).parents[1] / "data" / "rod_answers.json").read_text())
@@ -339,6 +340,35 @@ def test_populations_have_rods_and_supports_of_their_own_masses():
         own = dataclasses.replace(structure, node_mass=structure.node_mass * factor)
         alone = simulate(dataclasses.replace(scene, structure=own), 0.5, options=options)
         np.testing.assert_allclose(found, alone.positions[-1], rtol=0, atol=1e-9)
+
+
+def test_a_body_on_many_more_contacts_than_it_has_motions_rests_at_once(monkeypatch):
+    """A slab on a grid of nine contacts, which share its weight in many ways, with nine more above them.
+
+    Newton's method needs one iteration, since no contact changes. Rounding errors of a singular matrix once made it
+    go astray, so that other methods took over, at many times the cost.
+    """
+    monkeypatch.setattr(coupled_contacts, "NEWTON", 2)
+    monkeypatch.setattr(coupled_contacts, "ROUNDS", 0)
+    h, inertia, side = 2e-3, 1 / 6, np.linspace(-0.1, 0.1, 3)
+    x = np.stack(np.meshgrid([0, 0.1], side, side, indexing="ij"), axis=-1).reshape(-1, 3)
+    r, units = x - x.mean(0), np.eye(3)
+    # the motion of each contact, along x as the normal, with the velocity of the centre and the spin
+    reach = np.concatenate([np.tile(units, (len(x), 1, 1)), np.cross(units, r[:, None]).swapaxes(1, 2)], axis=2)
+    reach = reach.reshape(-1, 6)
+    response = reach @ np.diag([1, 1, 1, 1 / inertia, 1 / inertia, 1 / inertia]) @ reach.T
+    root = 1 / np.sqrt(np.diag(response).reshape(-1, 3).mean(1))
+    scale = np.repeat(root, 3)
+    fall = (scale * (reach @ [-G * h, 0, 0, 0, 0, 0])).reshape(-1, 3)
+    contact = Contact(jnp.array(-x[:, 0] / h * root), jnp.array(0.5))
+    tolerance = np.finfo(float).eps ** 0.75
+    problem = coupled_contacts.ContactProblem(
+        jnp.array(scale[:, None] * response * scale), jnp.array(fall), contact, jnp.array(root), tolerance, tolerance
+    )
+    z, error = coupled_contacts.solve_contacts(problem, -problem.b)
+    assert error <= tolerance
+    p = np.asarray(coupled_contacts.as_impulses(contact, z)) * root[:, None]
+    np.testing.assert_allclose(p[:, 0].sum(), G * h, rtol=1e-9)
 
 
 def test_the_nearest_point_of_a_cone():

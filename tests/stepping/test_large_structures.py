@@ -16,6 +16,7 @@ from jaxgrity import (
     Scene,
     SolverOptions,
     Structure,
+    parse_scene,
 )
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import with_gait
@@ -44,15 +45,38 @@ def heavy_and_held(scene: Scene) -> Scene:
     )
 
 
+EXACT = """
+    ground = {contact = "complementarity"}
+    friction = {kind = "cone", mu = 0.5}
+"""
+PENALTY = """
+    ground = {contact = "penalty", stiffness = 2e4, dissipation = 1.0}
+    friction = {kind = "smooth", mu = 0.5, slip_speed = 0.01}
+"""
+
+
+def robot(kind: str, contact: str) -> Scene:
+    """A robot of rigid bodies, with dampers."""
+    return parse_scene(f"""
+        structure = {{kind = "{kind}", prestress = 30.0}}
+        cables = {{stiffness = 2000.0, damping = 5.0}}
+        damping = {{node = 0.05}}
+        gravity = {{}}
+        {contact}""")
+
+
 SCENES = {
     "penalty": lambda: prism_tower(9, exact=False),
     "exact": lambda: prism_tower(9, exact=True),
     "undamped": lambda: undamped(prism_tower(9, exact=False)),
     "rigid": lambda: undamped(prism_tower(9, exact=True)),
     "held, with mass in cables": lambda: heavy_and_held(prism_tower(9, exact=False)),
+    "bodies with hinges": lambda: robot("hinged_spine", EXACT),
+    # friction at a ball depends on how its body turns
+    "bodies with balls": lambda: robot("superball", PENALTY),
 }
-SHOWN = ("exact", "held, with mass in cables")
-"""Those of `make test`: rigid struts with dampers, and springs with supports."""
+SHOWN = ("exact", "held, with mass in cables", "bodies with balls")
+"""Those of `make test`: rigid struts with dampers, springs with supports, and rigid bodies."""
 
 
 @pytest.mark.slow
