@@ -1,6 +1,7 @@
 """What all readers and writers of other programs' files have in common."""
 
 import math
+import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +22,8 @@ MOST_NODES = 10_000
 LARGEST_NUMBER = 1e30
 """Largest size of a number that is read: single precision holds none beyond 3e38, and a robot has none like it."""
 
+OF_A_PART = re.compile(r"((?:dropped: )?(?:actuator|body|geom|site|tendon) )(\S+)(: .*)", re.DOTALL)
+"""Notes on one part, which has a name."""
 STRUCTURE_ALONE = "the file holds no gravity, ground or gait: the scene has none until you add them"
 """Note on what was read from formats that describe a structure alone."""
 
@@ -54,6 +57,17 @@ class Losses:
         if kind not in self.drop:
             raise InputError(f"{what}, which would be lost; drop=[{kind!r}], or --drop {kind}, reads the model without")
         self.note(f"dropped: {what}")
+
+
+def together(notes: Sequence[str]) -> tuple[str, ...]:
+    """The notes, in which parts of one kind of which the same is said share one sentence, at the place of the first."""
+    said: dict[tuple[str, str], list[str]] = {}
+    for note in notes:
+        found = OF_A_PART.fullmatch(note)
+        kind, name, what = found.groups() if found else ("", "", note)
+        said.setdefault((kind, what), []).append(name)
+    more = [f" and {len(names) - 1} more" if len(names) > 1 else "" for names in said.values()]
+    return tuple(f"{kind}{names[0]}{others}{what}" for ((kind, what), names), others in zip(said.items(), more))
 
 
 def read_limited(path: str | Path) -> str:

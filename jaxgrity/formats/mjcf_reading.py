@@ -12,7 +12,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges
-from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, some_of
+from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, some_of, together
 from jaxgrity.formats.mjcf_bodies import carried, is_free, rigid_bodies, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
 from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, outer_joints, shared_nodes
@@ -114,11 +114,12 @@ def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
     check_edges(x, _segments(pushing) or tuple(edge for edge, _ in rods), _segments(pulling))
     struts = _members(pushing, x) if pushing else rod_members(x, rods)
     cables = _members(pulling, x)
+    _note_controls([*pushing, *pulling], 0 if pushing or struts is None else len(struts.edges), notes)
     drag = _drag(model, nodes, merged, place, losses)
     found = found or touched_plane(model, data, x, carrier, losses)
     structure = Structure(x - found.lift, masses, struts, cables, fixed=fixed, bodies=rigid)
     scene = Scene(structure, _gravity(model) or None, drag if drag.any() else None, found.ground, found.friction)
-    return Imported(scene, ("SI units, z up, as in MuJoCo", *notes))
+    return Imported(scene, together(["SI units, z up, as in MuJoCo", *notes]))
 
 
 def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:
@@ -132,7 +133,7 @@ def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:
             losses.note(f"keyframe {keyframe}: its bodies move there; here they start at rest")
         data.ctrl[:] = data.act[:] = 0
     elif names:
-        losses.note(f"{len(names)} keyframes are not read: the robot starts where its bodies are placed")
+        losses.note(f"{len(names)} keyframes are not read, and bodies start where they are placed: {some_of(names)}")
     mujoco.mj_forward(model, data)
 
 
@@ -235,6 +236,20 @@ def _members(springs: list[Spring], x: np.ndarray) -> Members | None:
         return None
     K, L, c = np.array(laws).T
     return Members(_segments(springs), K, L, damping=c if c.any() else None, clusters=tuple(clusters))
+
+
+def _note_controls(springs: list[Spring], first: int, notes: list[str]) -> None:
+    """Which members controls move, as a gait names them, and how far; `first` is the number of the first spring."""
+    members, low, high = [], 0.0, 0.0
+    for spring in springs:
+        count = len(spring.path) - 1
+        if any(spring.change):
+            members += range(first, first + count)
+            low, high = (f(end, x / spring.rest_length) for f, end, x in zip((min, max), (low, high), spring.change))
+        first += count
+    if members:
+        reach = f"by {low:.0%} to {high:.0%}" if np.isfinite(high) else "without a limit"
+        notes.append(f"controls change the rest lengths of {len(members)} members {reach}: [gait] members = {members}")
 
 
 def _drag(model: Any, nodes: _Nodes, merged: list[int], place: dict[int, int], losses: Losses) -> np.ndarray:

@@ -15,13 +15,13 @@ from jaxgrity.formats.foreign import read_limited, short
 REFUSED = {
     **dict.fromkeys(("replicate", "composite", "flexcomp", "flex", "attach"), "makes many parts of one"),
     **dict.fromkeys(("hfield", "mesh", "skin", "model", "plugin", "extension"), "takes its shape from elsewhere"),
-    "size": "asks for memory",
 }
 """Elements that are refused, and what they do."""
-PICTURES = ("asset", "visual", "statistic", "light", "camera", "sensor", "custom")
-"""Elements that move nothing. Meshes and fields of heights stand within assets, and are refused nevertheless."""
-NO_LONGER = ("sensornoise", "material")
-"""Attributes that move nothing, and that name what is left out, or that MuJoCo knew once."""
+LEFT_OUT = ("asset", "visual", "statistic", "light", "camera", "sensor", "custom", "size")
+"""Elements that move nothing. Meshes and fields of heights stand within assets, and are refused nevertheless. Sizes ask
+for memory, which MuJoCo now finds by itself."""
+NO_LONGER = ("sensornoise", "material", "collision", "mpr_iterations", "mpr_tolerance")
+"""Attributes that name what is left out, or that MuJoCo knew once and that move nothing here."""
 TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 """Attributes that turn a body."""
 DEEPEST = 50
@@ -33,12 +33,14 @@ MOST_INCLUDED = 50
 class _Text:
     """What is read so far."""
 
-    def __init__(self, main: Path):
-        self.main = main
+    def __init__(self, main: Path, pairs_alone: bool = False):
+        self.main, self.pairs_alone = main, pairs_alone
         self.seen: list[Path] = []
         self.out: list[str] = []
         self.everywhere = False
         """whether positions are those in the world, as MuJoCo before 2.3.4 could have them"""
+        self.predefined = False
+        """whether the pairs alone touch, as MuJoCo before 3 could have it"""
 
     def read(self, path: Path, lines: bool) -> None:
         """Add a file, with line breaks where it has them. Raises `InputError`, with the line, as `mjcf_text` does."""
@@ -77,7 +79,7 @@ class _OneFile:
             raise InputError(f"<{tag}> {REFUSED[tag]}; expected bodies, sites, tendons and actuators alone")
         if tag == "include":
             self._include(attributes.get("file", ""))
-        if self.hidden or tag in PICTURES or tag == "include":
+        if self.hidden or tag in LEFT_OUT or tag == "include":
             self.hidden += 1
         elif len(self.open) > 1 or self.lines:
             if self.lines:
@@ -105,6 +107,12 @@ class _OneFile:
     def _attributes(self, tag: str, given: dict[str, str]) -> list[str]:
         """As they are, but for pictures; where all positions are those in the world, bodies are at its origin."""
         text = self.text
+        if tag == "option" and (collision := given.get("collision", "all")) != "all":
+            if collision != "predefined":
+                raise InputError(f"<option collision={short(collision)}>: expected all or predefined")
+            text.predefined = True
+        if tag == "geom" and text.pairs_alone:
+            given = {**given, "contype": "0", "conaffinity": "0"}
         if tag == "compiler" and given.get("coordinate") == "global":
             text.everywhere, given = True, {name: value for name, value in given.items() if name != "coordinate"}
         placed = tag in ("geom", "site", "inertial", "joint") and "body" in self.open and given.get("type") != "free"
@@ -121,4 +129,7 @@ def mjcf_text(path: Path) -> str:
     """
     text = _Text(path)
     text.read(path, lines=True)
+    if text.predefined:  # the option may stand after the geoms that it is about
+        text = _Text(path, pairs_alone=True)
+        text.read(path, lines=True)
     return "".join(text.out)
