@@ -52,10 +52,12 @@ class Losses:
         if sentence not in self.notes:
             self.notes.append(sentence)
 
-    def lose(self, kind: str, what: str) -> None:
-        """Raises `InputError` unless the caller drops things of this kind; then a note says so."""
+    def lose(self, kind: str, what: str, place: str = "") -> None:
+        """Raises `InputError`, with the place, unless the caller drops things of this kind; then a note says so."""
         if kind not in self.drop:
-            raise InputError(f"{what}, which would be lost; drop=[{kind!r}], or --drop {kind}, reads the model without")
+            raise InputError(
+                f"{what}{place}, which would be lost; drop=[{kind!r}], or --drop {kind}, reads the model without"
+            )
         self.note(f"dropped: {what}")
 
 

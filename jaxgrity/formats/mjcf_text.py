@@ -4,6 +4,7 @@ Elements stay on their lines, so that messages of the compiler name these. What 
 line of the element that includes it.
 """
 
+import re
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -22,6 +23,12 @@ LEFT_OUT = ("asset", "visual", "statistic", "light", "camera", "sensor", "custom
 for memory, which MuJoCo now finds by itself."""
 NO_LONGER = ("sensornoise", "material", "collision", "mpr_iterations", "mpr_tolerance")
 """Attributes that name what is left out, or that MuJoCo knew once and that move nothing here."""
+ELEMENTS = {
+    **{tag: tag for tag in ("body", "geom", "site")},
+    "tendon": "spatial|fixed",
+    "actuator": "general|motor|position|velocity|intvelocity|damper|cylinder|muscle|adhesion",
+}
+"""Elements of parts that messages name."""
 TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 """Attributes that turn a body."""
 DEEPEST = 50
@@ -77,14 +84,14 @@ class _OneFile:
             raise InputError(f"elements within each other, more than {DEEPEST} levels deep")
         if tag in REFUSED:
             raise InputError(f"<{tag}> {REFUSED[tag]}; expected bodies, sites, tendons and actuators alone")
+        if self.lines:
+            self.text.out.append("\n" * (self.parser.CurrentLineNumber - self.line))
+            self.line = self.parser.CurrentLineNumber
         if tag == "include":
             self._include(attributes.get("file", ""))
         if self.hidden or tag in LEFT_OUT or tag == "include":
             self.hidden += 1
         elif len(self.open) > 1 or self.lines:
-            if self.lines:
-                self.text.out.append("\n" * (self.parser.CurrentLineNumber - self.line))
-                self.line = self.parser.CurrentLineNumber
             self.text.out.append(f"<{tag}{''.join(self._attributes(tag, attributes))}>")
 
     def end(self, tag: str) -> None:
@@ -133,3 +140,13 @@ def mjcf_text(path: Path) -> str:
         text = _Text(path, pairs_alone=True)
         text.read(path, lines=True)
     return "".join(text.out)
+
+
+def with_line(message: str, text: str) -> str:
+    """A message that begins with a part that has a name, with the line of that part in a model's text."""
+    part = re.match(rf"({'|'.join(ELEMENTS)}) (\S+?):? ", message)
+    if part is None:
+        return message
+    name = re.escape(quoteattr(part[2]))
+    element = re.search(rf"<(?:{ELEMENTS[part[1]]})\b[^>]* name={name}", text)
+    return f"line {text.count(chr(10), 0, element.start()) + 1}: {message}" if element else message

@@ -90,6 +90,12 @@ def test_included_files_are_read_in_their_places(tmp_path):
     wrong = text.replace("<spatial ", '<spatial colour="red" ')
     with pytest.raises(ValueError, match=r"unrecognized attribute: 'colour'.*line 3"):
         found(tmp_path, wrong)
+    (tmp_path / "all.xml").write_text('<mujoco>\n<option/>\n<include file="robot.xml"/></mujoco>')
+    with pytest.raises(ValueError, match=r"unrecognized attribute: 'colour'.*line 3"):
+        read_mjcf(tmp_path / "all.xml")
+    limited = text.replace("<spatial ", '<spatial name="t&amp;t" limited="true" range="0 0.5" ')
+    with pytest.raises(InputError, match=r"robot.xml: line 3: tendon t&t: its length is limited to 0 to 0.5 m, .*drop"):
+        found(tmp_path, limited)
 
 
 def test_global_coordinates_are_read(tmp_path):
@@ -179,7 +185,7 @@ def test_options_that_mujoco_knew_once(tmp_path):
         "</mujoco>", '<size njmax="50"/><option collision="predefined" mpr_tolerance="1e-6"/></mujoco>'
     )
     assert not any("touch" in note for note in found(tmp_path, old).notes)
-    with pytest.raises(InputError, match="line 5: <option collision='dynamic'>: expected all or predefined"):
+    with pytest.raises(InputError, match=r"line 8: <option collision='dynamic'>: expected all or predefined"):
         found(tmp_path, old.replace("predefined", "dynamic"))
 
 
