@@ -37,7 +37,10 @@ class Imported(NamedTuple):
 
 
 class Losses:
-    """Notes on what is read how, and what the caller gives up of what a scene does not have."""
+    """Notes on what is read how, and what the caller gives up of what a scene does not have.
+
+    As the context of the reading it refuses at the end: so one message names all that would be lost.
+    """
 
     def __init__(self, drop: Collection[str], droppable: Collection[str], notes: list[str]):
         """Raises `InputError` where `drop` has a name that is not among the `droppable`."""
@@ -46,6 +49,8 @@ class Losses:
             raise InputError(f"drop = {unknown!r}: expected a list of some of {', '.join(droppable)}")
         self.drop = frozenset(drop)
         self.notes = notes
+        self.refused: dict[str, str] = {}
+        """what would be lost of each kind that the caller does not drop: the first of it"""
 
     def note(self, sentence: str) -> None:
         """Keep a sentence, once."""
@@ -53,12 +58,21 @@ class Losses:
             self.notes.append(sentence)
 
     def lose(self, kind: str, what: str, place: str = "") -> None:
-        """Raises `InputError`, with the place, unless the caller drops things of this kind; then a note says so."""
-        if kind not in self.drop:
-            raise InputError(
-                f"{what}{place}, which would be lost; drop=[{kind!r}], or --drop {kind}, reads the model without"
-            )
-        self.note(f"dropped: {what}")
+        """Refuse the file, with the place, unless the caller drops things of this kind; then a note says so."""
+        if kind in self.drop:
+            self.note(f"dropped: {what}")
+        else:
+            self.refused.setdefault(kind, what + place)
+
+    def __enter__(self) -> "Losses":
+        return self
+
+    def __exit__(self, _: Any, error: BaseException | None, __: Any) -> None:
+        """Raises `InputError` where something is refused, also in place of one that may follow from going on."""
+        if self.refused and (error is None or isinstance(error, ValueError)):
+            what = "; ".join([*self.refused.values()][:3]) + "; ..." * (len(self.refused) > 3)
+            how = f"drop={[*self.refused]}, or --drop {' '.join(self.refused)}, reads the model without"
+            raise InputError(f"{what}, which would be lost; {how}") from error
 
 
 def together(notes: Sequence[str]) -> tuple[str, ...]:

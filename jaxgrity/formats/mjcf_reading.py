@@ -72,15 +72,14 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
     text = ""
     try:
         text = mjcf_text(Path(path))
-        return _imported(mujoco.MjModel.from_xml_string(text), drop, keyframe)
+        with Losses(drop, DROPPABLE, []) as losses:
+            return _imported(mujoco.MjModel.from_xml_string(text), losses, keyframe)
     except (ValueError, RuntimeError) as error:  # InputError is a ValueError; MuJoCo raises both
         raise InputError(f"{path}: {with_line(' '.join(str(error).split()), text)}") from error
 
 
-def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
-    data = mujoco.MjData(model)
-    notes: list[str] = []
-    losses = Losses(drop, DROPPABLE, notes)
+def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
+    data, notes = mujoco.MjData(model), losses.notes
     _set_start(model, data, keyframe, losses)
     model = merge_welded(model, data, losses)
     check_losses(model, losses)
