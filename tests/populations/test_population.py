@@ -104,7 +104,7 @@ def plates():
     bodies = tuple(rigid_body(nodes, points, 1.0, [0.01, 0.02, 0.03]) for points in ((0, 1, 2), (3, 4, 5)))
     cables = Members(((0, 3), (1, 4), (2, 5)), 20 * np.ones(3), 0.4 * np.ones(3), damping=2 * np.ones(3))
     structure = Structure(nodes, np.zeros(6), cables=cables, bodies=bodies)
-    gait = Gait((0, 1, 2), 0.2 * np.ones(3), np.zeros(3), np.ones(3), start=0.0, ramp=0.02)
+    gait = Gait((0, 1, 2), np.zeros(3), 0.2 * np.ones(3), np.ones(3), start=0.0, ramp=0.02)
     return Scene(structure, gravity=9.81, ground=ExactGround(), friction=ConeFriction(0.5), gait=gait)
 
 
