@@ -1,6 +1,6 @@
 """Every published or foreign answer that is known, beside ours: closed forms, other programs, MuJoCo if installed.
 
-Those of statics are in conformance_statics.py and conformance_loads.py; those of motions follow here.
+Those of statics are in conformance_statics.py, conformance_loads.py and conformance_rib.py. Those of motions follow.
 """
 
 import dataclasses
@@ -11,6 +11,7 @@ from itertools import chain
 
 import numpy as np
 from measurements.conformance_loads import load_cases
+from measurements.conformance_rib import rib
 from measurements.conformance_statics import CLOSED, DATA, RODS, Case, statics_cases
 from measurements.measurement import Record, measurement
 from measurements.pages import columns
@@ -42,7 +43,7 @@ def conformance(few: bool = False) -> Iterator[Record]:
     Args:
         few: fewer of each kind, at coarser steps
     """
-    for case in chain(statics_cases(few), load_cases(), dynamics_cases(few)):
+    for case in chain(statics_cases(few), load_cases(), rib(), dynamics_cases(few)):
         yield {**case._asdict(), "difference": case.ours - case.theirs}
 
 

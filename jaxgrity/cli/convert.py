@@ -13,6 +13,9 @@ from jaxgrity.formats.spreadsheets import read_tables
 from jaxgrity.model.scene import Scene
 from jaxgrity.statics.settling import settled
 
+MUJOCO = (".xml", ".mjcf")
+"""Endings of MuJoCo models."""
+
 
 def main(settings: ConvertSettings) -> None:
     """Read, settle on request, write, and report what was read how and what was lost."""
@@ -33,12 +36,14 @@ def _read(settings: ConvertSettings) -> Imported:
     ending, unit = Path(settings.source).suffix.lower(), settings.unit
     if settings.columns and ending != ".csv":
         raise InputError(f"--columns {' '.join(settings.columns)}: expected --columns with tables (.csv) alone")
+    if settings.keyframe and ending not in MUJOCO:
+        raise InputError(f"--keyframe {settings.keyframe}: expected --keyframe with MuJoCo models (.xml) alone")
     if ending in (".yaml", ".yml"):
         return read_ntrt(settings.source, DECIMETRE if unit is None else unit, settings.drop)
     if unit is not None:
         raise InputError(f"--unit {unit:g}: {settings.source} is read in metres; expected --unit with NTRT files alone")
-    if ending in (".xml", ".mjcf"):
-        return read_mjcf(settings.source, settings.drop)
+    if ending in MUJOCO:
+        return read_mjcf(settings.source, settings.drop, settings.keyframe)
     if settings.drop:
         found = f"--drop {' '.join(settings.drop)}: {settings.source} is read whole"
         raise InputError(f"{found}; expected --drop with NTRT files and MuJoCo models alone")

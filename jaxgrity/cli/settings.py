@@ -286,6 +286,8 @@ class ConvertSettings:
     drop: tuple[str, ...] = ()
     """parts to leave out: contact, radius, friction, limits, damping, actuators, air, forces of a MuJoCo model; radius,
     wrapping, friction of a NTRT file"""
+    keyframe: str = ""
+    """keyframe of a MuJoCo model in which the robot starts; by default it starts where the model places its bodies"""
     columns: tuple[str, ...] = ()
     """your names of a table's columns, such as X=x_m; colour= leaves out a column"""
     quick: bool = False

@@ -1,6 +1,7 @@
 """What all readers and writers of other programs' files have in common."""
 
 import math
+import re
 from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,6 +22,8 @@ MOST_NODES = 10_000
 LARGEST_NUMBER = 1e30
 """Largest size of a number that is read: single precision holds none beyond 3e38, and a robot has none like it."""
 
+OF_A_PART = re.compile(r"((?:dropped: )?(?:actuator|body|geom|site|tendon) )(\S+)(: .*)", re.DOTALL)
+"""Notes on one part, which has a name."""
 STRUCTURE_ALONE = "the file holds no gravity, ground or gait: the scene has none until you add them"
 """Note on what was read from formats that describe a structure alone."""
 
@@ -34,7 +37,10 @@ class Imported(NamedTuple):
 
 
 class Losses:
-    """Notes on what is read how, and what the caller gives up of what a scene does not have."""
+    """Notes on what is read how, and what the caller gives up of what a scene does not have.
+
+    As the context of the reading it refuses at the end: so one message names all that would be lost.
+    """
 
     def __init__(self, drop: Collection[str], droppable: Collection[str], notes: list[str]):
         """Raises `InputError` where `drop` has a name that is not among the `droppable`."""
@@ -43,17 +49,41 @@ class Losses:
             raise InputError(f"drop = {unknown!r}: expected a list of some of {', '.join(droppable)}")
         self.drop = frozenset(drop)
         self.notes = notes
+        self.refused: dict[str, str] = {}
+        """what would be lost of each kind that the caller does not drop: the first of it"""
 
     def note(self, sentence: str) -> None:
         """Keep a sentence, once."""
         if sentence not in self.notes:
             self.notes.append(sentence)
 
-    def lose(self, kind: str, what: str) -> None:
-        """Raises `InputError` unless the caller drops things of this kind; then a note says so."""
-        if kind not in self.drop:
-            raise InputError(f"{what}, which would be lost; drop=[{kind!r}], or --drop {kind}, reads the model without")
-        self.note(f"dropped: {what}")
+    def lose(self, kind: str, what: str, place: str = "") -> None:
+        """Refuse the file, with the place, unless the caller drops things of this kind; then a note says so."""
+        if kind in self.drop:
+            self.note(f"dropped: {what}")
+        else:
+            self.refused.setdefault(kind, what + place)
+
+    def __enter__(self) -> "Losses":
+        return self
+
+    def __exit__(self, _: Any, error: BaseException | None, __: Any) -> None:
+        """Raises `InputError` where something is refused, also in place of one that may follow from going on."""
+        if self.refused and (error is None or isinstance(error, ValueError)):
+            what = "; ".join([*self.refused.values()][:3]) + "; ..." * (len(self.refused) > 3)
+            how = f"drop={[*self.refused]}, or --drop {' '.join(self.refused)}, reads the model without"
+            raise InputError(f"{what}, which would be lost; {how}") from error
+
+
+def together(notes: Sequence[str]) -> tuple[str, ...]:
+    """The notes, in which parts of one kind of which the same is said share one sentence, at the place of the first."""
+    said: dict[tuple[str, str], list[str]] = {}
+    for note in notes:
+        found = OF_A_PART.fullmatch(note)
+        kind, name, what = found.groups() if found else ("", "", note)
+        said.setdefault((kind, what), []).append(name)
+    more = [f" and {len(names) - 1} more" if len(names) > 1 else "" for names in said.values()]
+    return tuple(f"{kind}{names[0]}{others}{what}" for ((kind, what), names), others in zip(said.items(), more))
 
 
 def read_limited(path: str | Path) -> str:

@@ -131,7 +131,8 @@ def check_spring(model: Any, geom: int, spring: list[np.ndarray], deep: float, l
 def lose_beside_sites(model: Any, geom: int, centre: np.ndarray, losses: Losses) -> None:
     """Loses what touches the plane about its `centre`, m, where no node is."""
     name, place = name_of(model, "geom", geom), centre.round(4).tolist()
-    losses.lose("contact", f"geom {name} touches the plane about {place} m, where its body has no site")
+    what = f"geom {name}: touches the plane where its body has no site"
+    losses.lose("contact", what, f", about {place} m")
 
 
 def lose_rims(model: Any, geom: int, radius: float, losses: Losses) -> None:

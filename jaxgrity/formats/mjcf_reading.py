@@ -12,14 +12,14 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges
-from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, some_of
+from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, some_of, together
 from jaxgrity.formats.mjcf_bodies import carried, is_free, rigid_bodies, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
 from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, outer_joints, shared_nodes
 from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, name_of
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
 from jaxgrity.formats.mjcf_tendons import Spring, drag_of_sites, springs_of
-from jaxgrity.formats.mjcf_text import mjcf_text
+from jaxgrity.formats.mjcf_text import mjcf_text, with_line
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
 
@@ -69,17 +69,17 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
     """
     if importlib.util.find_spec("mujoco") is None:
         raise InputError(f"{path}: reading MuJoCo models needs mujoco; expected: pip install 'jaxgrity[peer]'")
+    text = ""
     try:
-        model = mujoco.MjModel.from_xml_string(mjcf_text(Path(path)))
-        return _imported(model, drop, keyframe)
+        text = mjcf_text(Path(path))
+        with Losses(drop, DROPPABLE, []) as losses:
+            return _imported(mujoco.MjModel.from_xml_string(text), losses, keyframe)
     except (ValueError, RuntimeError) as error:  # InputError is a ValueError; MuJoCo raises both
-        raise InputError(f"{path}: {' '.join(str(error).split())}") from error
+        raise InputError(f"{path}: {with_line(' '.join(str(error).split()), text)}") from error
 
 
-def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
-    data = mujoco.MjData(model)
-    notes: list[str] = []
-    losses = Losses(drop, DROPPABLE, notes)
+def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
+    data, notes = mujoco.MjData(model), losses.notes
     _set_start(model, data, keyframe, losses)
     model = merge_welded(model, data, losses)
     check_losses(model, losses)
@@ -114,11 +114,12 @@ def _imported(model: Any, drop: Collection[str], keyframe: str) -> Imported:
     check_edges(x, _segments(pushing) or tuple(edge for edge, _ in rods), _segments(pulling))
     struts = _members(pushing, x) if pushing else rod_members(x, rods)
     cables = _members(pulling, x)
+    _note_controls([*pushing, *pulling], 0 if pushing or struts is None else len(struts.edges), notes)
     drag = _drag(model, nodes, merged, place, losses)
     found = found or touched_plane(model, data, x, carrier, losses)
     structure = Structure(x - found.lift, masses, struts, cables, fixed=fixed, bodies=rigid)
     scene = Scene(structure, _gravity(model) or None, drag if drag.any() else None, found.ground, found.friction)
-    return Imported(scene, ("SI units, z up, as in MuJoCo", *notes))
+    return Imported(scene, together(["SI units, z up, as in MuJoCo", *notes]))
 
 
 def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:
@@ -132,7 +133,7 @@ def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:
             losses.note(f"keyframe {keyframe}: its bodies move there; here they start at rest")
         data.ctrl[:] = data.act[:] = 0
     elif names:
-        losses.note(f"{len(names)} keyframes are not read: the robot starts where its bodies are placed")
+        losses.note(f"{len(names)} keyframes are not read, and bodies start where they are placed: {some_of(names)}")
     mujoco.mj_forward(model, data)
 
 
@@ -235,6 +236,20 @@ def _members(springs: list[Spring], x: np.ndarray) -> Members | None:
         return None
     K, L, c = np.array(laws).T
     return Members(_segments(springs), K, L, damping=c if c.any() else None, clusters=tuple(clusters))
+
+
+def _note_controls(springs: list[Spring], first: int, notes: list[str]) -> None:
+    """Which members controls move, as a gait names them, and how far; `first` is the number of the first spring."""
+    members, low, high = [], 0.0, 0.0
+    for spring in springs:
+        count = len(spring.path) - 1
+        if any(spring.change):
+            members += range(first, first + count)
+            low, high = (f(end, x / spring.rest_length) for f, end, x in zip((min, max), (low, high), spring.change))
+        first += count
+    if members:
+        reach = f"by {low:.0%} to {high:.0%}" if np.isfinite(high) else "without a limit"
+        notes.append(f"controls change the rest lengths of {len(members)} members {reach}: [gait] members = {members}")
 
 
 def _drag(model: Any, nodes: _Nodes, merged: list[int], place: dict[int, int], losses: Losses) -> np.ndarray:

@@ -23,6 +23,8 @@ class Spring(NamedTuple):
     stiffness: float
     rest_length: float
     damping: float
+    change: tuple[float, float]
+    """m, from the rest length to the shortest and to the longest that controls make it"""
 
 
 class Driven(NamedTuple):
@@ -32,13 +34,15 @@ class Driven(NamedTuple):
     stiffness: float
     rest_length: float
     damping: float
+    change: tuple[float, float]
+    """as `Spring` has it"""
 
 
 def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
     """Kind, sites, K (N/m), L (m) and c (N s/m) of each spatial tendon that is a spring or has an actuator."""
     if not model.ntendon:
         raise InputError("has no tendons; expected spatial tendons between sites")
-    driven = _actuators(model, data, losses)
+    driven, pulled = _actuators(model, data, losses)
     found, idle = [], []
     for t in range(model.ntendon):
         name, path = name_of(model, "tendon", t), _path(model, t)
@@ -48,13 +52,15 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
             raise InputError(f"tendon {name}: has a spring and an actuator with one; expected one of them")
         if t in driven:
             own = driven[t]
-            found.append(Spring(name, own.kind, path, own.stiffness, own.rest_length, own.damping + c))
+            found.append(Spring(name, own.kind, path, own.stiffness, own.rest_length, own.damping + c, own.change))
         elif not K:
             idle.append(name)
             if c:
                 losses.lose("damping", f"tendon {name}: damping without a spring")
         elif low == high or low == 0:
-            found.append(Spring(name, "strut" if low == high else "cable", path, K, float(high), c))
+            # a force moves the end of a taut spring as another rest length does
+            less, more = (float(max(force / K, -high)) for force in pulled.get(t, (0.0, 0.0)))
+            found.append(Spring(name, "strut" if low == high else "cable", path, K, float(high), c, (less, more)))
         else:
             raise InputError(f"tendon {name}: springlength {low:g} to {high:g}; expected one length, or from 0 on")
     if not found:
@@ -75,9 +81,13 @@ def _path(model: Any, tendon: int) -> tuple[int, ...]:
     return tuple(int(model.wrap_objid[w]) for w in wraps)
 
 
-def _actuators(model: Any, data: Any, losses: Losses) -> dict[int, Driven]:
-    """Of each tendon with an actuator that is a spring; actuators of other kinds than these and drags are lost."""
+def _actuators(model: Any, data: Any, losses: Losses) -> tuple[dict[int, Driven], dict[int, tuple[float, float]]]:
+    """Of each tendon with an actuator that is a spring; and the range of the force, N, of others, which push.
+
+    Actuators of other kinds than these and drags are lost.
+    """
     found: dict[int, Driven] = {}
+    pulled: dict[int, tuple[float, float]] = {}
     still = []
     for a in range(model.nu):
         if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_SITE and _is_drag(model, a):
@@ -87,6 +97,8 @@ def _actuators(model: Any, data: Any, losses: Losses) -> dict[int, Driven]:
         spring = _spring(model, a)
         if _is_still(model, a):
             still.append(name)
+            if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON:
+                pulled[tendon] = _forces(model, a)
             continue
         if spring is None or tendon in found:
             losses.lose("actuators", f"actuator {name}: no spring of a tendon that has a rest length at control 0")
@@ -97,7 +109,7 @@ def _actuators(model: Any, data: Any, losses: Losses) -> dict[int, Driven]:
         losses.note(f"{len(still)} actuators have no force at control 0, and are left out: {some_of(still)}")
     if found:
         losses.note(f"{len(found)} actuators are springs whose rest length their control changes; the gait is not read")
-    return found
+    return found, pulled
 
 
 def _is_still(model: Any, a: int) -> bool:
@@ -124,7 +136,30 @@ def _spring(model: Any, a: int) -> Driven | None:
     rest = float(bias[0] + gain[0] * u) / K
     # a tendon pulls where its force is negative
     pulls = model.actuator_forcelimited[a] and model.actuator_forcerange[a, 1] <= 0
-    return Driven("cable" if pulls else "strut", K, rest, float(-bias[2])) if rest > 0 else None
+    ends = sorted(
+        max((float(bias[0]) + (float(gain[0]) * u if gain[0] else 0.0)) / K, 0.0) for u in _controls(model, a)
+    )
+    change = (ends[0] - rest, ends[1] - rest)
+    return Driven("cable" if pulls else "strut", K, rest, float(-bias[2]), change) if rest > 0 else None
+
+
+def _controls(model: Any, a: int) -> tuple[float, float]:
+    """The range of an actuator's control, or of its activation where that is limited."""
+    if model.actuator_actlimited[a]:
+        return tuple(model.actuator_actrange[a].tolist())
+    integrates = model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_INTEGRATOR
+    limited = model.actuator_ctrllimited[a] and not integrates
+    return tuple(model.actuator_ctrlrange[a].tolist()) if limited else (-np.inf, np.inf)
+
+
+def _forces(model: Any, a: int) -> tuple[float, float]:
+    """The range of the force, N, with which an actuator that is still at control 0 pushes along its tendon."""
+    gain, gear = float(model.actuator_gainprm[a, 0]), float(model.actuator_gear[a, 0])
+    ends = np.array([u * gain if gain else 0.0 for u in _controls(model, a)])
+    if model.actuator_forcelimited[a]:
+        ends = ends.clip(*model.actuator_forcerange[a])
+    low, high = sorted((gear * ends).tolist()) if gear else (0.0, 0.0)
+    return low, high
 
 
 def _beside(model: Any, data: Any, a: int, name: str, losses: Losses) -> None:

@@ -4,6 +4,7 @@ Elements stay on their lines, so that messages of the compiler name these. What 
 line of the element that includes it.
 """
 
+import re
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -15,13 +16,19 @@ from jaxgrity.formats.foreign import read_limited, short
 REFUSED = {
     **dict.fromkeys(("replicate", "composite", "flexcomp", "flex", "attach"), "makes many parts of one"),
     **dict.fromkeys(("hfield", "mesh", "skin", "model", "plugin", "extension"), "takes its shape from elsewhere"),
-    "size": "asks for memory",
 }
 """Elements that are refused, and what they do."""
-PICTURES = ("asset", "visual", "statistic", "light", "camera", "sensor", "custom")
-"""Elements that move nothing. Meshes and fields of heights stand within assets, and are refused nevertheless."""
-NO_LONGER = ("sensornoise", "material")
-"""Attributes that move nothing, and that name what is left out, or that MuJoCo knew once."""
+LEFT_OUT = ("asset", "visual", "statistic", "light", "camera", "sensor", "custom", "size")
+"""Elements that move nothing. Meshes and fields of heights stand within assets, and are refused nevertheless. Sizes ask
+for memory, which MuJoCo now finds by itself."""
+NO_LONGER = ("sensornoise", "material", "collision", "mpr_iterations", "mpr_tolerance")
+"""Attributes that name what is left out, or that MuJoCo knew once and that move nothing here."""
+ELEMENTS = {
+    **{tag: tag for tag in ("body", "geom", "site")},
+    "tendon": "spatial|fixed",
+    "actuator": "general|motor|position|velocity|intvelocity|damper|cylinder|muscle|adhesion",
+}
+"""Elements of parts that messages name."""
 TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 """Attributes that turn a body."""
 DEEPEST = 50
@@ -33,12 +40,14 @@ MOST_INCLUDED = 50
 class _Text:
     """What is read so far."""
 
-    def __init__(self, main: Path):
-        self.main = main
+    def __init__(self, main: Path, pairs_alone: bool = False):
+        self.main, self.pairs_alone = main, pairs_alone
         self.seen: list[Path] = []
         self.out: list[str] = []
         self.everywhere = False
         """whether positions are those in the world, as MuJoCo before 2.3.4 could have them"""
+        self.predefined = False
+        """whether the pairs alone touch, as MuJoCo before 3 could have it"""
 
     def read(self, path: Path, lines: bool) -> None:
         """Add a file, with line breaks where it has them. Raises `InputError`, with the line, as `mjcf_text` does."""
@@ -75,14 +84,14 @@ class _OneFile:
             raise InputError(f"elements within each other, more than {DEEPEST} levels deep")
         if tag in REFUSED:
             raise InputError(f"<{tag}> {REFUSED[tag]}; expected bodies, sites, tendons and actuators alone")
+        if self.lines:
+            self.text.out.append("\n" * (self.parser.CurrentLineNumber - self.line))
+            self.line = self.parser.CurrentLineNumber
         if tag == "include":
             self._include(attributes.get("file", ""))
-        if self.hidden or tag in PICTURES or tag == "include":
+        if self.hidden or tag in LEFT_OUT or tag == "include":
             self.hidden += 1
         elif len(self.open) > 1 or self.lines:
-            if self.lines:
-                self.text.out.append("\n" * (self.parser.CurrentLineNumber - self.line))
-                self.line = self.parser.CurrentLineNumber
             self.text.out.append(f"<{tag}{''.join(self._attributes(tag, attributes))}>")
 
     def end(self, tag: str) -> None:
@@ -105,6 +114,12 @@ class _OneFile:
     def _attributes(self, tag: str, given: dict[str, str]) -> list[str]:
         """As they are, but for pictures; where all positions are those in the world, bodies are at its origin."""
         text = self.text
+        if tag == "option" and (collision := given.get("collision", "all")) != "all":
+            if collision != "predefined":
+                raise InputError(f"<option collision={short(collision)}>: expected all or predefined")
+            text.predefined = True
+        if tag == "geom" and text.pairs_alone:
+            given = {**given, "contype": "0", "conaffinity": "0"}
         if tag == "compiler" and given.get("coordinate") == "global":
             text.everywhere, given = True, {name: value for name, value in given.items() if name != "coordinate"}
         placed = tag in ("geom", "site", "inertial", "joint") and "body" in self.open and given.get("type") != "free"
@@ -121,4 +136,17 @@ def mjcf_text(path: Path) -> str:
     """
     text = _Text(path)
     text.read(path, lines=True)
+    if text.predefined:  # the option may stand after the geoms that it is about
+        text = _Text(path, pairs_alone=True)
+        text.read(path, lines=True)
     return "".join(text.out)
+
+
+def with_line(message: str, text: str) -> str:
+    """A message that begins with a part that has a name, with the line of that part in a model's text."""
+    part = re.match(rf"({'|'.join(ELEMENTS)}) (\S+?):? ", message)
+    if part is None:
+        return message
+    name = re.escape(quoteattr(part[2]))
+    element = re.search(rf"<(?:{ELEMENTS[part[1]]})\b[^>]* name={name}", text)
+    return f"line {text.count(chr(10), 0, element.start()) + 1}: {message}" if element else message

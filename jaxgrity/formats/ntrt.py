@@ -93,7 +93,8 @@ def read_ntrt(path: str | Path, unit: float = DECIMETRE, drop: Collection[str] =
     part = assembly.read(Path(path))
     losses.notes += dict.fromkeys(assembly.notes)
     try:
-        return _imported(assembly, part, unit, losses)
+        with losses:
+            return _imported(assembly, part, unit, losses)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 

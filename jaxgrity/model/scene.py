@@ -49,6 +49,9 @@ BOOKED_OTHERWISE = ("actuation", "supports", "impulse", "moment")
 """Entries of the energy audit that are no causes of dissipation."""
 
 
+Wanted = TypeVar("Wanted", bound=Law)
+
+
 class Scene(eqx.Module):
     """A robot and everything that acts on it. A part that is None is not modelled, and costs nothing.
 
@@ -106,32 +109,38 @@ class Scene(eqx.Module):
     @property
     def laws(self) -> tuple[Law, ...]:
         """All laws of the scene, in the order of the sums U and R."""
-        found: list[Law] = [law for kind in LAWS_OF_STRUCTURES if (law := kind.of(self)) is not None]
-        if self.ground is not None:
-            found += self.ground.laws()
-            if self.friction is not None:
-                found.append(self.friction.law(self.ground))
-        return (*found, *self.terms)
+        return self._laws_of(Law)
 
     @property
     def energy_terms(self) -> tuple[EnergyTerm, ...]:
         """The terms of U."""
-        return tuple(law for law in self.laws if isinstance(law, EnergyTerm))
+        return self._laws_of(EnergyTerm)
 
     @property
     def dissipation_terms(self) -> tuple[DissipationTerm, ...]:
         """The terms of R."""
-        return tuple(law for law in self.laws if isinstance(law, DissipationTerm))
+        return self._laws_of(DissipationTerm)
 
     @property
     def force_laws(self) -> tuple[ForceLaw, ...]:
         """The laws that give forces directly, without U or R."""
-        return tuple(law for law in self.laws if isinstance(law, ForceLaw))
+        return self._laws_of(ForceLaw)
 
     @property
     def constraints(self) -> tuple[Constraint, ...]:
         """The constraints, which complementarity stepping satisfies."""
-        return tuple(law for law in self.laws if isinstance(law, Constraint))
+        return self._laws_of(Constraint)
+
+    def _laws_of(self, wanted: type[Wanted]) -> tuple[Wanted, ...]:
+        """The laws of a kind. No other law of the structure is made: weights of bodies need the arrays of one robot,
+        and methods ask a scene of many robots whether it `dissipates`."""
+        kinds = [kind for kind in LAWS_OF_STRUCTURES if issubclass(kind, wanted)]
+        found: list[Any] = [law for kind in kinds if (law := kind.of(self)) is not None]
+        if self.ground is not None:
+            found += self.ground.laws()
+            if self.friction is not None:
+                found.append(self.friction.law(self.ground))
+        return tuple(law for law in (*found, *self.terms) if isinstance(law, wanted))
 
     @property
     def dissipates(self) -> bool:

@@ -90,6 +90,12 @@ def test_included_files_are_read_in_their_places(tmp_path):
     wrong = text.replace("<spatial ", '<spatial colour="red" ')
     with pytest.raises(ValueError, match=r"unrecognized attribute: 'colour'.*line 3"):
         found(tmp_path, wrong)
+    (tmp_path / "all.xml").write_text('<mujoco>\n<option/>\n<include file="robot.xml"/></mujoco>')
+    with pytest.raises(ValueError, match=r"unrecognized attribute: 'colour'.*line 3"):
+        read_mjcf(tmp_path / "all.xml")
+    limited = text.replace("<spatial ", '<spatial name="t&amp;t" limited="true" range="0 0.5" ')
+    with pytest.raises(InputError, match=r"robot.xml: line 3: tendon t&t: its length is limited to 0 to 0.5 m, .*drop"):
+        found(tmp_path, limited)
 
 
 def test_global_coordinates_are_read(tmp_path):
@@ -110,10 +116,14 @@ def test_actuators_without_force_are_named(tmp_path):
     text = model(body(), last=motor).replace("<spatial ", '<spatial name="t" ')
     scene, notes = found(tmp_path, text)
     assert "1 actuators have no force at control 0, and are left out: m" in notes
+    assert "controls change the rest lengths of 1 members by -25% to 0%: [gait] members = [0]" in notes, "5 N by 50 N/m"
     np.testing.assert_array_equal(scene.structure.cables.stiffness, [50])
     spring = motor.replace("motor", "general").replace("/>", ' gainprm="60" biastype="affine" biasprm="30 -100 -2"/>')
     text = model(body(), last=spring).replace('<spatial stiffness="50" springlength="0 0.4"', '<spatial name="t"')
-    cables = found(tmp_path, text).scene.structure.cables
+    scene, notes = found(tmp_path, text)
+    cables = scene.structure.cables
+    # (30 - 60 * 5)/100 < 0: as short as can be
+    assert "controls change the rest lengths of 1 members by -100% to 0%: [gait] members = [0]" in notes
     assert (cables.stiffness[0], cables.rest_length[0], cables.damping[0]) == (100, 0.3, 2)
 
 
@@ -156,9 +166,45 @@ def test_a_keyframe_is_a_start(tmp_path):
     text = model(body(), last=key)
     structure = found(tmp_path, text, keyframe="up").scene.structure
     np.testing.assert_allclose(structure.nodes[1], [0.1, -0.05, 3.2], atol=1e-12)
-    assert "1 keyframes are not read: the robot starts where its bodies are placed" in found(tmp_path, text).notes
+    assert "1 keyframes are not read, and bodies start where they are placed: up" in found(tmp_path, text).notes
     assert not any("start at rest" in note for note in found(tmp_path, text, keyframe="up").notes)
     moving = text.replace('<key name="up"', '<key name="up" qvel="0 0 1 0 0 0"')
     assert "keyframe up: its bodies move there; here they start at rest" in found(tmp_path, moving, keyframe="up").notes
     with pytest.raises(ValueError, match="keyframe = 'down': expected one of up"):
         found(tmp_path, text, keyframe="down")
+
+
+def test_options_that_mujoco_knew_once(tmp_path):
+    """Memory is found by itself; with predefined collisions the pairs alone touch, wherever the option stands."""
+    ball = '<geom type="sphere" size="0.05" pos="0 0 {}" mass="0.1"/>'
+    bodies = body(inside=ball.format(-0.1)) + body("b", "0 0 0.4", inside=ball.format(0.1))
+    touching = model(bodies).replace('site="w"', 'site="b1"').replace('site="a0"', 'site="a1"')
+    with pytest.raises(InputError, match="touch each other"):
+        found(tmp_path, touching)
+    old = touching.replace(
+        "</mujoco>", '<size njmax="50"/><option collision="predefined" mpr_tolerance="1e-6"/></mujoco>'
+    )
+    assert not any("touch" in note for note in found(tmp_path, old).notes)
+    with pytest.raises(InputError, match=r"line 8: <option collision='dynamic'>: expected all or predefined"):
+        found(tmp_path, old.replace("predefined", "dynamic"))
+
+
+def test_what_is_said_of_many_parts_is_said_once(tmp_path):
+    """With the name of the first, and how many there are."""
+    text = model(body() + body("b", "0 0 0.3")).replace('springlength="0 0.4"', 'limited="true" range="0 0.5"')
+    more = text.replace(
+        "</tendon>",
+        '<spatial stiffness="1" limited="true" range="0 0.5"><site site="b0"/><site site="a1"/></spatial></tendon>',
+    )
+    lost = [note for note in found(tmp_path, more, drop=["limits"]).notes if note.startswith("dropped")]
+    assert lost == ["dropped: tendon 0 and 1 more: its length is limited to 0 to 0.5 m"]
+
+
+def test_all_that_would_be_lost_is_refused_at_once(tmp_path):
+    """With the kinds to drop: the file is then read."""
+    text = model(body(turn='gravcomp="1"')).replace('springlength="0 0.4"', 'limited="true" range="0 0.5"')
+    said = r"tendon 0: its length is limited to 0 to 0.5 m; body a: gravity compensation, which would be lost; drop="
+    with pytest.raises(InputError, match=said + r"\['limits', 'forces'\], or --drop limits forces, reads"):
+        found(tmp_path, text)
+    notes = found(tmp_path, text, drop=["limits", "forces"]).notes
+    assert sum(note.startswith("dropped: ") for note in notes) == 2

@@ -294,6 +294,8 @@ def test_the_command_says_what_was_read_and_what_is_lost(tmp_path, capsys):
         main(ConvertSettings("robot.mat", tmp_path / "robot.toml", unit=1e-3))
     with pytest.raises(InputError, match=r"--columns X=x_m: expected --columns with tables \(.csv\) alone"):
         main(ConvertSettings("robot.mat", tmp_path / "robot.toml", columns=("X=x_m",)))
+    with pytest.raises(InputError, match=r"--keyframe up: expected --keyframe with MuJoCo models \(.xml\) alone"):
+        main(ConvertSettings(str(source), tmp_path / "robot.toml", keyframe="up"))
     with pytest.raises(InputError, match=r"--drop radius: exact is read whole; expected --drop with NTRT files and"):
         main(ConvertSettings("exact", tmp_path / "robot.toml", drop=("radius",)))
 

@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
+    ConeFriction,
     Differences,
+    ExactGround,
     Gait,
     InputError,
     Members,
@@ -35,6 +37,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.core.remembered import remembered
+from jaxgrity.model.bodies import rigid_body
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.populations import population
 from jaxgrity.populations.lanes import in_lanes, most_lanes, over_lanes
@@ -91,6 +94,39 @@ def test_each_member_is_the_rollout_of_its_own(request, method, robot):
         com = np.einsum("n,nk->k", mass, trajectory.positions[-1]) / mass.sum()
         np.testing.assert_allclose(outcomes.com_end[k], com, rtol=0, atol=1e-10)
         assert int(outcomes.steps[k]) == int(trajectory.steps)
+
+
+@pytest.fixture
+def plates():
+    """A triangular plate on the ground, and one above it: three damped cables join them, which a gait shortens."""
+    corners = np.array([[0.0, 0, 0], [0.4, 0, 0], [0, 0.3, 0]])
+    nodes = np.concatenate([corners, corners + np.array([0, 0, 0.5])])
+    bodies = tuple(rigid_body(nodes, points, 1.0, [0.01, 0.02, 0.03]) for points in ((0, 1, 2), (3, 4, 5)))
+    cables = Members(((0, 3), (1, 4), (2, 5)), 20 * np.ones(3), 0.4 * np.ones(3), damping=2 * np.ones(3))
+    structure = Structure(nodes, np.zeros(6), cables=cables, bodies=bodies)
+    gait = Gait((0, 1, 2), np.zeros(3), 0.2 * np.ones(3), np.ones(3), start=0.0, ramp=0.02)
+    return Scene(structure, gravity=9.81, ground=ExactGround(), friction=ConeFriction(0.5), gait=gait)
+
+
+def test_many_robots_of_rigid_bodies_know_their_laws(plates):
+    """Methods ask whether they dissipate. Weights of bodies need the arrays of one robot, without the axis of lanes."""
+    answers = []
+    rows = jax.tree.map(lambda x: jnp.stack([x, x], -1), plates.gait)
+    jax.eval_shape(lambda gaits: answers.append(in_lanes(plates, gaits)[0].dissipates), rows)
+    assert answers == [True]
+
+
+@pytest.mark.slow
+def test_rigid_bodies_side_by_side_end_where_each_ends_alone(plates):
+    """While cables pull the upper plate down, and the lower one against the ground's friction."""
+    phases = random_phases(2, 3, seed=1)
+    outcomes = simulate_population(plates, gaits_of(plates.gait, phases), 0.1, options=AT_ONCE, with_metrics=True)
+    assert np.ptp(outcomes.positions, axis=0).max() > 1e-4
+    for k, phase in enumerate(phases):
+        own = eqx.tree_at(lambda s: s.gait.phase, plates, phase)
+        alone = simulate(own, 0.1, frame_rate=10.0, options=AT_ONCE)
+        np.testing.assert_allclose(outcomes.positions[k], alone.positions[-1], rtol=0, atol=1e-9)
+    assert outcomes.metrics is not None
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import jaxtyping
 import numpy as np
 import pytest
 from measurements import conformance_loads as known
+from measurements.conformance_rib import rib
 
 from jaxgrity import InputError, Members, Scene, Structure, describe, load_scene, parse_scene
 from jaxgrity.cli.inspect import main
@@ -21,7 +22,7 @@ from jaxgrity.statics.strength import strength_of
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "cases", [known.arches, known.kresling, known.dome, known.cantilever, known.half_t_bar, known.deployed_tower]
+    "cases", [known.arches, known.kresling, known.dome, known.cantilever, known.half_t_bar, known.deployed_tower, rib]
 )
 def test_answers_of_others(cases):
     """Each to 1e-7 of the largest number of its unit."""
