@@ -49,9 +49,6 @@ BOOKED_OTHERWISE = ("actuation", "supports", "impulse", "moment")
 """Entries of the energy audit that are no causes of dissipation."""
 
 
-Wanted = TypeVar("Wanted", bound=Law)
-
-
 class Scene(eqx.Module):
     """A robot and everything that acts on it. A part that is None is not modelled, and costs nothing.
 
@@ -131,15 +128,11 @@ class Scene(eqx.Module):
         """The constraints, which complementarity stepping satisfies."""
         return self._laws_of(Constraint)
 
-    def _laws_of(self, wanted: type[Wanted]) -> tuple[Wanted, ...]:
-        """The laws of a kind. No other law of the structure is made: weights of bodies need the arrays of one robot,
-        and methods ask a scene of many robots whether it `dissipates`."""
-        kinds = [kind for kind in LAWS_OF_STRUCTURES if issubclass(kind, wanted)]
-        found: list[Any] = [law for kind in kinds if (law := kind.of(self)) is not None]
+    def _laws_of(self, wanted: type) -> tuple[Any, ...]:
+        """Those of a kind. No other is made: weights of bodies need one robot's arrays, and scenes may be of many."""
+        found: list[Any] = [kind.of(self) for kind in LAWS_OF_STRUCTURES if issubclass(kind, wanted)]
         if self.ground is not None:
-            found += self.ground.laws()
-            if self.friction is not None:
-                found.append(self.friction.law(self.ground))
+            found += [*self.ground.laws(), self.friction and self.friction.law(self.ground)]
         return tuple(law for law in (*found, *self.terms) if isinstance(law, wanted))
 
     @property
@@ -206,9 +199,7 @@ class Scene(eqx.Module):
         vectors: tuple[VectorsByKind, VectorsByKind] | None = None,
     ) -> Motion:
         """The argument of the terms of R."""
-        if vectors is None:
-            vectors = member_vectors(q, self.structure.kinds), member_vectors(v, self.structure.damped)
-        d, rates = vectors
+        d, rates = vectors or (member_vectors(q, self.structure.kinds), member_vectors(v, self.structure.damped))
         return Motion(v, rates, normal_force, Configuration(q, t, d, self))
 
     def during(self, begin: Scalar | AnyArray, end: Scalar) -> "Scene":
