@@ -182,12 +182,11 @@ def measured_motion(
         raise InputError("spread: rigid struts and bodies leave no start free; expected None, or struts as springs")
     first = range(0, intervals, intervals // windows)
     cut = np.stack([times[k : k + intervals // windows + 1] for k in first])
-    seconds = float(cut[0, -1] - cut[0, 0])
     if starts.spread is None:
-        resolved = resolve(scene, seconds, options, dtype="float64", positions=path[0], since=times[0])
+        resolved = resolve(scene, options=options, dtype="float64", positions=path[0], since=times[0])
         state = np.stack([path[:1], 0 * path[:1]], axis=1)
     else:
-        resolved = resolve(scene, seconds, options, dtype="float64")
+        resolved = resolve(scene, options=options, dtype="float64")
         state = np.stack([_with_supports(scene, times[k], state_at(times, path, k)) for k in first])
     deviations, jump = _deviations(scene, starts)
     spread = np.ones(state.shape) * deviations[:, None, None] * scene.structure.free
