@@ -23,7 +23,8 @@ from studies.matrix_uses import MOVING, STILL, Case, same, tried
 
 from jaxgrity import load_scene, save_scene
 from jaxgrity.cli import convert, diagnose, inspect, search, simulate
-from jaxgrity.cli.settings import ConvertSettings, DiagnoseSettings, InspectSettings, SearchSettings, SimulateSettings
+from jaxgrity.cli.search_settings import SearchSettings
+from jaxgrity.cli.settings import ConvertSettings, DiagnoseSettings, InspectSettings, SimulateSettings
 from jaxgrity.explorer.session import OWN, chosen_robot
 from jaxgrity.io.files import read_text
 from jaxgrity.report import view

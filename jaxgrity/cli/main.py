@@ -8,14 +8,16 @@ from tyro.conf import subcommand
 
 from jaxgrity.cli import settings
 from jaxgrity.cli.command_line import from_command_line
+from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.core.errors import unknown
 
 Chosen = (
     Annotated[settings.SimulateSettings, subcommand("simulate")]
     | Annotated[settings.DemoSettings, subcommand("demo")]
-    | Annotated[settings.SearchSettings, subcommand("search")]
+    | Annotated[SearchSettings, subcommand("search")]
     | Annotated[settings.CompareSettings, subcommand("compare")]
     | Annotated[settings.DiagnoseSettings, subcommand("diagnose")]
+    | Annotated[settings.ValidateSettings, subcommand("validate")]
     | Annotated[settings.TrainSettings, subcommand("train")]
     | Annotated[settings.ExploreSettings, subcommand("explore")]
     | Annotated[settings.InspectSettings, subcommand("inspect")]

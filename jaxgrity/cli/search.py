@@ -9,7 +9,7 @@ from jaxgrity.cli.script import command_header
 
 from jaxgrity.cli.progress import Bars
 from jaxgrity.cli.scenes import scene_name
-from jaxgrity.cli.settings import ObjectiveSettings, SearchSettings
+from jaxgrity.cli.search_settings import ObjectiveSettings, SearchSettings
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.scene_files import load_scene
 from jaxgrity.model.scene import Scene

@@ -1,6 +1,6 @@
-"""Settings of every command, with the texts of --help, which is quick since nothing here imports JAX or Matplotlib."""
+"""Settings of every command but the search, with the texts of --help; nothing here imports JAX or Matplotlib."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -58,116 +58,6 @@ class DemoSettings:
 
 
 @dataclass
-class ObjectiveSettings:
-    kind: str = "steady speed"
-    """steady speed, steady direction, steady turn, distance, direction, speed, cost of transport, straightness or jump
-    height"""
-    heading: float | None = None
-    """heading for steady direction and direction, rad from +x"""
-    turning: float | None = None
-    """turning for steady turn, rad per body length, positive to the left"""
-    largest_rate: float | None = 1.0
-    """bound on the rate |dL/dt| of each actuator after the gait's ramp, m/s; None: no bound"""
-    largest_force: float | None = None
-    """bound on the force of each actuator, N; None: no bound"""
-    largest_power: float | None = 200.0
-    """bound on the power of each actuator, W; None: no bound"""
-
-
-@dataclass
-class UncertaintySettings:
-    phase: float = 0.03
-    """half-width of the phase of each actuated member, rad"""
-    actuation: float = 0.02
-    """half-width of the amplitude of each actuated member, as a fraction"""
-    friction: float = 0.2
-    """half-width of the friction coefficient, as a fraction; one value for all nodes of a robot"""
-    cable_stiffness: float = 0.05
-    """half-width of the cable stiffness, as a fraction; one value for all cables of a robot"""
-    prestress: float = 0.0
-    """half-width of the cable tension in the given shape, as a fraction; one value for all cables of a robot"""
-    node_mass: float = 0.05
-    """half-width of the mass of each node, as a fraction"""
-    slope: float = 0.0
-    """largest extra slope of the ground, in a random direction, rad"""
-    terrain: float = 0.0
-    """half-width of the shift of uneven ground in x and in y, m; its height is adapted to keep the start clear of it"""
-
-
-@dataclass
-class SearchSettings:
-    """Search for a rolling gait: evolve it, polish it by gradients, verify it, and show it.
-
-    Thousands of rough simulations screen gaits. The scene's own model improves the best of them, and a few fine
-    simulations verify the result. Every generation is saved: --resume continues an interrupted search to the same
-    result. Writes gait.json, population.npz, trajectory.npz, summary.json, figures, an animation and index.html.
-    """
-
-    scene: str = "exact"
-    """name of a library scene (reference, exact, uphill), or a scene file (TOML) with a [gait]"""
-    out: Path = Path("results/gait_search")
-    """folder for all files of the search"""
-    duration: float = 40.0
-    """simulated time of each rollout, s"""
-    population: int = 128
-    """number of gaits per generation"""
-    generations: tuple[int, int] = (10, 2)
-    """numbers of generations: of screening, and then on the scene's own model. With --no-wide, the second number
-    counts only if screening uses the contact twin"""
-    optimiser: Literal["genetic", "cma-es"] = "genetic"
-    """search method; cma-es needs evosax (pip install 'jaxgrity[baselines]')"""
-    robots: int = 4
-    """number of perturbed robots that evaluate each gait in a generation"""
-    objective: ObjectiveSettings = field(default_factory=ObjectiveSettings)
-    """objective of the search"""
-    uncertainty: UncertaintySettings = field(default_factory=UncertaintySettings)
-    """half-widths by which perturbed robots differ; for no perturbation set all to 0, with --robots 1 --caution 0"""
-    caution: float = 1.0
-    """number of standard deviations over perturbed robots that are subtracted from the mean objective"""
-    amplitude: tuple[float, float] | None = (0.05, 0.5)
-    """bounds of each member's amplitude; None: the amplitudes of the scene's gait are kept"""
-    frequency: tuple[float, float] | None = (0.3, 1.6)
-    """bounds of the gait's frequency, Hz; None: the frequency of the scene's gait is kept"""
-    ramp: float | None = 0.75
-    """time in which gaits reach their full amplitude, s; None: that of the scene's gait"""
-    scaled: bool = True
-    """scale amplitudes down to the bound on the rate, ramp included; otherwise gaits beyond the bound come last"""
-    overtones: int = 0
-    """number of overtones in each member's Fourier series"""
-    waves: Literal["every", "axis", "none"] = "every"
-    """symmetry of the gaits: all rotations of the robot, those about one axis (the robot can turn), or none"""
-    both_models: bool = True
-    """evaluate the best gaits on both contact models before one is chosen"""
-    attracting: bool = True
-    """among the best gaits, prefer those whose orbit attracts disturbed robots"""
-    wide: bool = True
-    """begin screening with many random gaits, and continue with mutations of the best"""
-    members: Literal["scene", "struts", "cables"] = "scene"
-    """members to actuate: those of the scene's gait, all struts, or all cables"""
-    active: int | None = None
-    """number of actuated members; the search also chooses which, and gaits are no waves; None: all of them"""
-    polish: Literal["smoothed", "pathwise", "combined", "orbit"] = "smoothed"
-    """gradient for polishing"""
-    polish_rollouts: int = 9216
-    """number of simulations that polishing may use; 0: no polish"""
-    polish_overtones: int = 4
-    """number of overtones that polishing adds to gaits that are waves; at least those of the search; none if the gait
-    of the scene has its own"""
-    polish_gaits: int = 1
-    """number of the best gaits that are polished"""
-    dt: float | None = None
-    """time step of the scene's own model, s; by default the scene decides; verification takes smaller steps too"""
-    seed: int = 0
-    """seed of the random number generator"""
-    resume: bool = False
-    """continue the search in the folder; its settings must be the same"""
-    restart: bool = False
-    """start again if the folder holds an unfinished search"""
-    quick: bool = False
-    """small search: rollouts of at most 16 s, 64 gaits, 3 generations of screening, 256 simulations of polish"""
-
-
-@dataclass
 class CompareSettings:
     """Compare gait searches: their settings, what they found, and how far you can trust it."""
 
@@ -199,6 +89,38 @@ class DiagnoseSettings:
     """folder for diagnosis.json and path.png"""
     quick: bool = False
     """simulate at most 2 s"""
+
+
+@dataclass
+class ValidateSettings:
+    """Compare recorded motions of a robot with their simulation, and identify parameters from a part of them.
+
+    A recording is a table (CSV) with columns t (s), x0, y0, z0, ... (m), empty where a node was not seen, and commands
+    of members, such as "rest length 3" (m) or "contraction 3". The simulation starts from the first pose. Parameters
+    are fitted to the first half of one recording, or to all but the last one, and are tested on the rest.
+    """
+
+    scene: Annotated[str, Positional]
+    """name of a library scene (reference, exact, uphill), or a scene file (TOML)"""
+    data: tuple[Path, ...]
+    """recordings (CSV) of the robot"""
+    identify: tuple[str, ...] = ()
+    """parameters to fit, such as structure.cables.stiffness or friction.mu=0.2; the number is the plausible error, as a
+    fraction, by default 0.3"""
+    noise: float | None = None
+    """standard deviation of a recorded coordinate, m; by default 0.2 % of a body length"""
+    windows: int = 1
+    """number of parts of each fitted recording that start anew; take several for long motions"""
+    gait: str | None = None
+    """name of a library gait, or the gait.json of a search; replaces the gait of the scene"""
+    method: str | None = None
+    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity; by default the scene decides"""
+    dt: float | None = None
+    """fixed time step, s; by default adaptive methods adapt their step, and other methods take a safe one"""
+    out: Path = Path("results/validate")
+    """folder for summary.json and recorded.png"""
+    quick: bool = False
+    """at most 2 s of each recording, and no second fit on the other contact model"""
 
 
 @dataclass

@@ -240,7 +240,8 @@ def _members(springs: list[Spring], x: np.ndarray) -> Members | None:
 
 def _note_controls(springs: list[Spring], first: int, notes: list[str]) -> None:
     """Which members controls move, as a gait names them, and how far; `first` is the number of the first spring."""
-    members, low, high = [], 0.0, 0.0
+    members: list[int] = []
+    low, high = 0.0, 0.0
     for spring in springs:
         count = len(spring.path) - 1
         if any(spring.change):

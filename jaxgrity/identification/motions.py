@@ -12,16 +12,17 @@ from jaxtyping import Float
 from jaxgrity.core.arguments import check_count, check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import AnyArray, NodeHistory, Times
+from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Times
 from jaxgrity.identification.measurements import Measurement, Values, checked
 from jaxgrity.identification.observations import SeenQuantity
+from jaxgrity.model.actuation import Commands
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.discretisation import integrate
 from jaxgrity.stepping.final_state import states_at
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
-from jaxgrity.stepping.starts import check_start
+from jaxgrity.stepping.simulate import with_commands
 
 SPREAD, JUMP = (0.02, 1.0), (1e-3, 1e-2)
 """Standard deviations of guessed starts, and jumps between windows, in m and m/s for a body of one metre."""
@@ -48,13 +49,15 @@ class MeasuredMotion(Measurement):
     """m and m/s, standard deviations of jumps from a window to the next: the model's error in each"""
     steps: int | None = eqx.field(static=True)
     """from frame to frame; None: the method adapts its step"""
+    commands: Commands | None = None
+    """rest lengths that were commanded in this motion; None: those of the scene's gait"""
 
     def starts(self):
         unknown = np.array(self.unknown, int)
         return np.asarray(self.state).ravel()[unknown], np.asarray(self.spread).ravel()[unknown]
 
     def predict(self, scene, start):
-        states = self._states(start)
+        scene, states = self._commanded(scene), self._states(start)
         found = jax.lax.map(lambda one: self._window(scene, *one), (states, jnp.asarray(self.times)))
         return self._nearest(scene, *self._joined(*found, states))
 
@@ -70,7 +73,7 @@ class MeasuredMotion(Measurement):
             def both(y):
                 there = state.ravel().at[places].set(y[count:]).reshape(state.shape)
                 # jacfwd returns derivatives alone: `has_aux` hands out the values of the same pass
-                found = (*self._window(scene_at(y[:count]), there, times), there)
+                found = (*self._window(self._commanded(scene_at(y[:count])), there, times), there)
                 return found, found
 
             slopes, found = jax.jacfwd(both, has_aux=True)(y)
@@ -80,6 +83,9 @@ class MeasuredMotion(Measurement):
         found, slopes = jax.lax.map(window, (states, jnp.asarray(self.times), y))
         slopes = self._joined(*(_spread_out(slope, count) for slope in slopes))
         return self._nearest(scene_at(z), *self._joined(*found)), slopes
+
+    def _commanded(self, scene):
+        return scene if self.commands is None else with_commands(scene, self.commands)
 
     def _nearest(self, scene, rows, jumps):
         return self.observation.near(scene, rows, self.values), jumps
@@ -179,14 +185,14 @@ def measured_motion(
     first = range(0, intervals, intervals // windows)
     cut = np.stack([times[k : k + intervals // windows + 1] for k in first])
     if starts.spread is None:
-        check_start(scene, path[0], times[0])
+        resolved = resolve(scene, options=options, dtype="float64", positions=path[0], since=times[0])
         state = np.stack([path[:1], 0 * path[:1]], axis=1)
     else:
-        state = np.stack([_with_supports(scene, times[k], _state_at(times, path, k)) for k in first])
+        resolved = resolve(scene, options=options, dtype="float64")
+        state = np.stack([_with_supports(scene, times[k], state_at(times, path, k)) for k in first])
     deviations, jump = _deviations(scene, starts)
     spread = np.ones(state.shape) * deviations[:, None, None] * scene.structure.free
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
-    resolved = resolve(scene, float(cut[0, -1] - cut[0, 0]), options, dtype="float64")
     found = MeasuredMotion(values, noise, observation, cut, resolved, state, spread, unknown, jump, None)
     return with_options(found, resolved)
 
@@ -209,6 +215,14 @@ def with_options(motion: MeasuredMotion, options: ResolvedOptions) -> MeasuredMo
     return replace(motion, options=options, steps=steps)
 
 
+def above_exact_ground(scene: Scene, q: NodeVectors) -> np.ndarray:
+    """Positions, m, moved out of exact ground, below which no motion can start."""
+    q, ground = np.asarray(q, float), scene.ground
+    if ground is None or not ground.impulsive or float(ground.measured(q).distance.min()) >= 0:
+        return q
+    return ground.set_down(q, 0.0, float(length_scale(scene)))
+
+
 def _check_path(path: np.ndarray, expected: tuple[int, ...]) -> None:
     if path.shape != expected:
         raise InputError(f"path has shape {path.shape}; expected {expected}, positions of all nodes")
@@ -217,7 +231,7 @@ def _check_path(path: np.ndarray, expected: tuple[int, ...]) -> None:
         raise InputError(f"path[{frame}, {node}] is not finite; expected a guess of it where it was not seen")
 
 
-def _state_at(times: np.ndarray, path: np.ndarray, frame: int) -> np.ndarray:
+def state_at(times: np.ndarray, path: np.ndarray, frame: int) -> np.ndarray:
     """(2, nodes, 3): position and velocity of the straight line or parabola through the next frames, by least
     squares."""
     near = slice(frame, frame + FITTED_FRAMES)

@@ -10,10 +10,9 @@ import numpy as np
 from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.identification.measurements import Measurement
-from jaxgrity.identification.motions import MeasuredMotion, with_options
+from jaxgrity.identification.motions import MeasuredMotion, above_exact_ground, with_options
 from jaxgrity.identification.parameters import Parameter
 from jaxgrity.model.contact_twin import contact_twin
-from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.uncertainty import part_of
 from jaxgrity.stepping.options import resolve
@@ -93,11 +92,9 @@ def _on(twin: Scene, motion: MeasuredMotion) -> MeasuredMotion:
     struts = twin.structure.struts
     if motion.unknown and struts is not None and struts.rigid:
         raise InputError("its struts are rigid, and starts that are not known would stretch them")
-    state, size = np.array(motion.state, float), float(length_scale(twin))
-    assert twin.ground is not None, "the twin has ground where the scene has"
-    for each in state if twin.ground.impulsive else ():
-        if float(twin.ground.measured(each[0]).distance.min()) < 0:
-            each[0] = twin.ground.set_down(each[0], 0.0, size)
+    state = np.array(motion.state, float)
+    for each in state:
+        each[0] = above_exact_ground(twin, each[0])
     seconds = float(motion.times[0][-1] - motion.times[0][0])
     options = resolve(twin, seconds, None, dtype="float64", positions=state[0, 0])
     return with_options(dataclasses.replace(motion, state=state), options)

@@ -12,6 +12,7 @@ from jaxgrity.core.display import in_digits, significant
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.actuation import Gait, contraction
 from jaxgrity.report.orbit_plot import orbit_figure
+from jaxgrity.report.recorded_plot import recorded_figure
 from jaxgrity.report.robot_plot import (
     draw_robot,
     energy_figure,
@@ -46,6 +47,7 @@ __all__ = [
     "outcomes_figure",
     "path_figure",
     "polish_figure",
+    "recorded_figure",
     "resting_force_figure",
     "robust_figure",
     "save",

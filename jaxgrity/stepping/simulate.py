@@ -77,12 +77,13 @@ class Trajectory(eqx.Module):
 
 def driven(scene: Scene, trajectory: Trajectory) -> Scene:
     """The scene with the rest lengths that its members had in this motion: in a closed loop the scene has no gait."""
-    if trajectory.commands is None:
-        return scene
+    return scene if trajectory.commands is None else with_commands(scene, trajectory.commands)
+
+
+def with_commands(scene: Scene, commands: Commands) -> Scene:
+    """The scene with commanded rest lengths in place of its gait."""
     # scales are those of the scene as it is: commands have no frequency
-    return eqx.tree_at(
-        lambda s: s.gait, with_scales_and_mobility(scene), trajectory.commands, is_leaf=lambda x: x is None
-    )
+    return eqx.tree_at(lambda s: s.gait, with_scales_and_mobility(scene), commands, is_leaf=lambda x: x is None)
 
 
 @typed

@@ -34,13 +34,17 @@ from jaxgrity import simulate as roll_out
 from jaxgrity.cli import command_line, progress, script, simulate
 from jaxgrity.cli import main as command
 from jaxgrity.cli.search import replaced_words, standstill_words
-from jaxgrity.cli.settings import SearchSettings, SimulateSettings
+from jaxgrity.cli.search_settings import SearchSettings
+from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.formats import load_trajectory
 from jaxgrity.search import Progress, robot_motions
 
 ROOT = Path(__file__).parents[2]
 ANSWERS = json.loads((ROOT / "tests" / "data" / "reference_answers.json").read_text())
-SUBCOMMANDS = ("demo", "simulate", "search", "compare", "diagnose", "train", "explore", "inspect", "catalogue")
+SUBCOMMANDS = (
+    *("demo", "simulate", "search", "compare", "diagnose", "validate", "train", "explore", "inspect"),
+    "catalogue",
+)
 FREE = """
 [structure]
 kind = "custom"
@@ -261,6 +265,8 @@ def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
         (["diagnose", "moon"], ["scene 'moon': unknown; expected a file, or one of exact,"]),
         (["diagnose", "exact", "--method", "rk4"], ["rk4", "expected 'complementarity'"]),
         (["diagnose", "reference", "--gait", "fly"], ["gait 'fly': unknown", "lasting"]),
+        (["validate", "moon", "--data", "short.csv"], ["scene 'moon': unknown; expected a file, or one of exact,"]),
+        (["validate", "exact", "--data", "short.csv"], ["short.csv: has no column t; expected columns t, x0"]),
         (["search", "--scene", "moon"], ["scene 'moon': unknown; expected a file, or one of exact,"]),
         (["search", "--scene", "still.toml"], ["has no [gait]"]),
         (["search", "--dt", "0.1"], ["largest stable step"]),

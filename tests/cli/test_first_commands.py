@@ -25,7 +25,7 @@ from jaxgrity import (
     simulate,
 )
 from jaxgrity.cli.search import config_of
-from jaxgrity.cli.settings import SearchSettings, UncertaintySettings
+from jaxgrity.cli.search_settings import SearchSettings, UncertaintySettings
 
 ROOT = Path(__file__).parents[2]
 HEAVY = {"jax", "scipy", "matplotlib", "diffrax", "equinox", "optax"}

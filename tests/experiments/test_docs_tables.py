@@ -12,7 +12,7 @@ from measurements import keep_gait, update_docs
 from measurements.pages import filled, laid_out, rounded, save_compact, table
 
 from jaxgrity import InputError, SearchConfig, gait_record, load_gait
-from jaxgrity.cli.settings import UncertaintySettings
+from jaxgrity.cli.search_settings import UncertaintySettings
 
 ROOT = Path(__file__).parents[2]
 MEASURED = ROOT / "docs" / "measured"
