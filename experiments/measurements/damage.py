@@ -27,8 +27,8 @@ ENOUGH = 0.7
 @measurement(
     page="search_records.md",
     quick={"cases": ("cable 7", "strut 1"), "duration": 5.0, "population": 16, "generations": 1, "images": 1},
-    raw=("recovered",),
-    drawn=("intact", "damaged"),
+    raw=("intact", "damaged", "recovered"),
+    drawn=("speeds",),
 )
 def damage(
     gait: str = "lasting",
@@ -67,7 +67,16 @@ def damage(
     about = {"gait": gait, "enough": ENOUGH, "duration": duration, "population": population, "generations": generations}
     gaits = {"as it was": 1, "library": len(library.names)} | dict.fromkeys(SEARCHES, searched)
     whole = {"intact": intact, "damaged": found, "recovered": counts}
-    return {**about, "gaits": gaits, "rows": told(**whole), **whole}
+    return {**about, "gaits": gaits, "rows": told(**whole), "speeds": drawn_speeds({"intact": intact} | found), **whole}
+
+
+def drawn_speeds(robots: dict[str, Ways]) -> Record:
+    """For the figure: on the own contact model, of all robots by each way, and the intact robot's best."""
+    own = {way: [robot[way]["own"] for robot in robots.values()] for way in WAYS}
+    found = {name: {way: [each[name] for each in own[way]] for way in WAYS} for name in ("mean", "standard_deviation")}
+    within = {way: [robot[way]["within_bounds"] for robot in robots.values()] for way in WAYS}
+    best = fastest(robots["intact"])["own"]["mean"]
+    return {"robots": list(robots), "best": best, **found, "within_bounds": within}
 
 
 def told(intact: Ways, damaged: dict[str, Ways], recovered: Record) -> list[Record]:
@@ -146,14 +155,14 @@ def recovered(cases: dict[str, Ways], intact: Ways, kind: str) -> dict[str, Any]
 @damage.figure()
 def figure(record: Record, chart: Figure) -> None:
     """Steady speed of each robot on each of the ways, and what counts as recovered."""
-    robots, top = {"intact": record["intact"]} | record["damaged"], fastest(record["intact"])["own"]["mean"]
+    found = record["speeds"]
+    robots, top = found["robots"], found["best"]
     chart.set_figheight(0.5 * len(robots) + 1.6)
     axes = chart.subplots()
     rows = np.arange(len(robots))
     for k, (way, marker) in enumerate(zip(WAYS, plot.MARKERS)):
-        own = [robot[way]["own"] for robot in robots.values()]
-        speed, spread = (np.array([row[name] for row in own], float) for name in ("mean", "standard_deviation"))
-        within = np.array([robot[way]["within_bounds"] for robot in robots.values()])
+        speed, spread = (np.array(found[name][way], float) for name in ("mean", "standard_deviation"))
+        within = np.array(found["within_bounds"][way])
         look = {"color": f"C{k}", "marker": marker, "linestyle": "", "markersize": 5}
         place = rows + 0.16 * (k - (len(WAYS) - 1) / 2)
         axes.errorbar(speed[within], place[within], xerr=spread[within], **look, lw=0.6, label=way)
@@ -164,7 +173,7 @@ def figure(record: Record, chart: Figure) -> None:
     for between in rows[1:] - 0.5:
         axes.axhline(between, color="grey", lw=0.8, alpha=1.0 if between == 0.5 else 0.3)
     axes.grid(visible=False, axis="y")
-    axes.set_yticks(rows, list(robots))
+    axes.set_yticks(rows, robots)
     axes.set(ylim=(len(rows) - 0.5, -0.5), xlim=(0, None))
     axes.set_xlabel("steady speed (body lengths/s): mean and standard deviation of perturbed robots")
     chart.legend(ncols=3, loc="outside lower center")

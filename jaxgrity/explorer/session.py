@@ -108,12 +108,12 @@ def chosen_robot(scene: str, contact: str, gait: str, duration: float) -> Robot3
         return float(refinement_bar(*(path[-1:] for path in paths))[0]) + timing_bar(rolled.scene, options)
 
     def orbit(rolled: Rolled) -> str:
-        return orbit_words(rolled.scene, options)
+        return watched_words(rolled.scene, options)
 
     return Robot3D(found, known, duration, roll, error_bar, orbit)
 
 
-def orbit_words(scene: Scene, options: ResolvedOptions) -> str:
+def watched_words(scene: Scene, options: ResolvedOptions) -> str:
     """The robot's long-run motion; the same number of periods for all gaits, so that none needs its own program."""
     try:
         period = period_of(scene.gait)

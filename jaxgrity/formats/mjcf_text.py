@@ -142,7 +142,7 @@ def mjcf_text(path: Path) -> str:
     return "".join(text.out)
 
 
-def with_line(message: str, text: str) -> str:
+def with_element_line(message: str, text: str) -> str:
     """A message that begins with a part that has a name, with the line of that part in a model's text."""
     part = re.match(rf"({'|'.join(ELEMENTS)}) (\S+?):? ", message)
     if part is None:

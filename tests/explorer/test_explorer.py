@@ -15,7 +15,7 @@ from jaxgrity.explorer.controls import adjusted, knobs
 from jaxgrity.explorer.exports import EXPORTS, upright
 from jaxgrity.explorer.page import Page
 from jaxgrity.explorer.server import expected, guarded_server, silent
-from jaxgrity.explorer.session import OTHER, OWN, chosen_robot, orbit_words
+from jaxgrity.explorer.session import OTHER, OWN, chosen_robot, watched_words
 from jaxgrity.io.scene_writing import scene_toml
 from jaxgrity.model.actuation import contraction
 from jaxgrity.orbits.finding import period_of
@@ -208,7 +208,7 @@ def test_what_the_robot_settles_on_is_said_once_it_is_left_alone(page):
 def test_without_a_common_period_there_is_no_orbit(exact):
     """The page says why, in a line."""
     mixed = dataclasses.replace(exact.gait, frequency=np.linspace(0.4, 0.6, 6))
-    words = orbit_words(jaxgrity.with_gait(exact, mixed), jaxgrity.stepping.resolve(exact, 1.0))
+    words = watched_words(jaxgrity.with_gait(exact, mixed), jaxgrity.stepping.resolve(exact, 1.0))
     assert words.startswith("orbit: frequencies [0.4, ")
     assert words.endswith("expected one that all actuators share, for an orbit")
 
