@@ -93,12 +93,12 @@ def recorded_parts(scene: Scene, settings: ValidateSettings) -> tuple[dict[str, 
         return parts, []
     if len(parts) > 1:
         return parts, list(parts)[:-1]
-    ((path, whole),) = parts.items()
+    ((name, whole),) = parts.items()
     half = len(whole.times) // 2
-    late = np.flatnonzero(whole.known(scene.structure).all(1)[half:-1])
+    late = np.flatnonzero(np.all(whole.known(scene.structure)[half:-1], axis=1))
     if not late.size:
-        raise InputError(f"{path}: no row after the middle has every node; expected one, with which the test can begin")
-    cut, first, last = half + int(late[0]), f"{path}, fitted", f"{path}, held out"
+        raise InputError(f"{name}: no row after the middle has every node; expected one, with which the test can begin")
+    cut, first, last = half + int(late[0]), f"{name}, fitted", f"{name}, held out"
     return {first: whole.part(slice(cut + 1)), last: whole.part(slice(cut, None))}, [first]
 
 

@@ -80,7 +80,7 @@ def recorded_motion(
     noise = NOISE * size if noise is None else check_number("noise", noise, above=0.0, unit="m")
     intervals = len(recording.times) - 1
     recording = recording.part(slice(1 + (intervals // windows * windows if 0 < windows <= intervals else intervals)))
-    times, path = recording.times, recording.filled(scene.structure)
+    times, path = np.asarray(recording.times), recording.filled(scene.structure)
     here = scene if recording.commands is None else with_commands(scene, recording.commands)
     values = np.where(scene.structure.free, recording.positions, np.nan).reshape(len(times), -1)
     if rigid_pairs(here):
@@ -112,7 +112,7 @@ def beside_simulation(scene: Scene, recording: Recording, *, options: Options = 
     """
     motion = recorded_motion(scene, recording, options=options)
     simulated = np.asarray(predicted(motion, scene, np.asarray(motion.starts()[0], float)))
-    moves = np.asarray(scene.structure.free).any(1)
+    moves = np.asarray(np.any(np.asarray(scene.structure.free), axis=1))
     return Compared(recording.times, recording.positions, simulated.reshape(recording.positions.shape), moves)
 
 
