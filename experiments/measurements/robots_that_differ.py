@@ -91,7 +91,7 @@ def figure(record: Record, chart: Figure) -> None:
     axes = chart.subplots()
     gaits = list(dict.fromkeys(row["gait"] for row in record["rows"]))
     for row in record["rows"]:
-        speeds, k = np.sort(np.asarray(row["speeds"], float)), gaits.index(row["gait"])
+        speeds, k = np.sort(np.nan_to_num(np.asarray(row["speeds"], float))), gaits.index(row["gait"])  # failed: 0
         look = {"color": f"C{k}", "label": f"{row['gait']}, {row['contact']}"}
         if row["contact"] == "penalty":
             look |= {"marker": plot.MARKERS[k], "markersize": 5, "markevery": 0.1, "linestyle": "--"}

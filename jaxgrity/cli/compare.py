@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxgrity.cli.settings import CompareSettings
-from jaxgrity.core.display import aligned, mean_of_robots, significant, with_error
+from jaxgrity.core.display import aligned, mean_of_robots, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text, save_json
 from jaxgrity.report import plot
@@ -35,9 +35,9 @@ COLUMNS = {
     "verified, m": lambda s: with_error(s["distance"], s["error_bar"]),
     "scene": lambda s: s["scene"],
     "robust": lambda s: mean_of_robots(s["robust"], unit(s)),
-    "other model": lambda s: significant(s["other_contact_model"]["mean"]).replace("nan", "not known"),
+    "other model": lambda s: mean_of_robots({"standard_error": None} | s["other_contact_model"], unit(s)),
     "motion": lambda s: (
-        "-" if s["motion"] is None else f"{s['motion']['kind']}, {s['motion']['rolls']} changes of face"
+        "-" if s["motion"] is None else f"{s['motion']['kind']}, changes of support: {s['motion']['rolls']}"
     ),
     "peak N, m/s, W": lambda s: ", ".join(each.split()[0] for each in peaks(s["actuators"])),
     "beyond a bound": beyond,

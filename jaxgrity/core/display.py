@@ -51,11 +51,11 @@ def with_error(
 
 
 def in_digits(value: SupportsFloat, digits: int = 3) -> str:
-    """A number rounded to some digits, without zeros after them: 1230 N, not 1.23e+03 N.
+    """A number rounded to some digits, without zeros after them: 1230 N, not 1.23e+03 N. Zero has no sign.
 
     Numbers below 1e-4, or from 1e6 on, have a power of ten.
     """
-    return f"{float(f'{float(value):.{digits}g}'):g}"
+    return f"{float(f'{float(value):.{digits}g}') + 0.0:.{max(digits, 6)}g}"
 
 
 def finite_or(value: float, unit: str, otherwise: str) -> str:

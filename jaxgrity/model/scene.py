@@ -132,7 +132,7 @@ class Scene(eqx.Module):
         """Those of a kind. No other is made: weights of bodies need one robot's arrays, and scenes may be of many."""
         found: list[Any] = [kind.of(self) for kind in LAWS_OF_STRUCTURES if issubclass(kind, wanted)]
         if self.ground is not None:
-            found += [*self.ground.laws(), self.friction and self.friction.law(self.ground)]
+            found += [*self.ground.laws(), *([] if self.friction is None else [self.friction.law(self.ground)])]
         return tuple(law for law in (*found, *self.terms) if isinstance(law, wanted))
 
     @property

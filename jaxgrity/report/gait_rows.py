@@ -169,7 +169,8 @@ def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, 
     if known and not np.isfinite(multipliers[0]):
         first = f"is none of these, and {first}"
     if not known:
-        told = f"none settles on an orbit that attracts disturbed robots within {FEWEST_PERIODS} periods of actuation"
+        within = f"in the first half of {FEWEST_PERIODS} periods of actuation"
+        told = f"none settles on an orbit that attracts disturbed robots, {within}"
     else:
         rest = f"; {lost} of {len(multipliers)} settle on {orbit_words(np.inf)}" if lost else ""
         told = f"largest Floquet multipliers per cycle {', '.join(known)}{rest}"

@@ -160,8 +160,9 @@ def fidelity_figure(
     figure = Figure(figsize=(4.2 * (len(names) - 1), 4.4), layout="constrained")
     every, among = correlations
     beyond = np.isnan(fitness).any(0)
-    fitness = np.where(beyond, np.nan, fitness)
-    hidden = {"beyond the actuators' bounds": beyond, "of which a robot failed": np.isneginf(fitness).any(0)}
+    failed = ~beyond & np.isneginf(fitness).any(0)
+    fitness = np.where(beyond | failed, np.nan, fitness)
+    hidden = {"beyond the actuators' bounds": beyond, "of which a robot failed": failed}
     counts = {why: int(each.sum()) for why, each in hidden.items() if each.any()}
     if counts:
         told = ", ".join(f"{count} gait{'s' * (count != 1)} {why}" for why, count in counts.items())

@@ -148,7 +148,8 @@ def steady_rows(steady: Facts) -> dict[str, str]:
     neutral = "translation and yaw" if steady.get("yaw_excluded", True) else "translation"
     # robots of a gait that settles late count while they settle
     counted = own.get("counted_from", np.inf)
-    early = f" from {significant(counted, 0, 2)} s on, before the gait settles" if counted < since else ""
+    begun, late = significant(counted, 0, 2), counted < since and significant(counted, 0, 2) != significant(since, 0, 2)
+    early = f" from {begun} s on, before the gait settles" if late else ""
     held = f"largest Floquet multiplier {multiplier} per cycle ({neutral} excluded; measured over two cycles); "
     back = f"{100 * steady['returned']:.0f} % of disturbed robots return"
     return {

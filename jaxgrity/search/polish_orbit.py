@@ -35,7 +35,7 @@ DOUBLE = 2.0
 """Cost of a rollout in float64, in rollouts in float32."""
 SHORTEST = 1 / 16
 """A climb ends where steps are shorter than this share of its first step."""
-NO_ORBIT = f"the robot settles on no orbit within {FEWEST_PERIODS} periods of actuation"
+NO_ORBIT = f"the robot settles on no orbit in the first half of {FEWEST_PERIODS} periods of actuation"
 """Why there is no gradient, in words."""
 PULLS = 4
 """Number of corrections that bring a gait back within the bound on rates."""

@@ -130,7 +130,7 @@ def orbit_words(multiplier: float) -> str:
     """An orbit with its Floquet multiplier, or that there is none, in words."""
     if np.isfinite(multiplier):
         return f"an orbit that multiplies a disturbance in one cycle by {multiplier_words(multiplier)}"
-    return f"no orbit that attracts disturbed robots within {FEWEST_PERIODS} periods of actuation"
+    return f"no orbit that attracts disturbed robots, in the first half of {FEWEST_PERIODS} periods of actuation"
 
 
 def _multiplier(scene: Scene, dt: float) -> float:
