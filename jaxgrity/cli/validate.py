@@ -13,7 +13,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.identification import identify
 from jaxgrity.identification.parameters import Parameter, check_parameters
 from jaxgrity.identification.recorded_motions import Compared, beside_simulation, recorded_motion
-from jaxgrity.identification.recordings import Recording, read_recording
+from jaxgrity.identification.recordings import FEWEST_FRAMES, Recording, read_recording
 from jaxgrity.io.files import save_json
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import length_scale
@@ -88,6 +88,9 @@ def recorded_parts(scene: Scene, settings: ValidateSettings) -> tuple[dict[str, 
     for path in settings.data:
         whole = read_recording(path, scene)
         short = whole.times - whole.times[0] <= QUICK
+        if settings.quick and short.sum() < FEWEST_FRAMES:
+            seen = f"rows in the first {QUICK:g} s: {short.sum()}"
+            raise InputError(f"{path}: {seen}; expected {FEWEST_FRAMES} or more, or no --quick")
         parts[str(path) if alike else path.name] = whole.part(slice(int(short.sum()))) if settings.quick else whole
     if not settings.identify:
         return parts, []

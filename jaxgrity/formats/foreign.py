@@ -72,6 +72,8 @@ class Losses:
         if self.refused and (error is None or isinstance(error, ValueError)):
             what = "; ".join([*self.refused.values()][:3]) + "; ..." * (len(self.refused) > 3)
             how = f"drop={[*self.refused]}, or --drop {' '.join(self.refused)}, reads the model without"
+            if isinstance(error, InputError):  # dropping alone may not do
+                how = f"and then: {error}"
             raise InputError(f"{what}, which would be lost; {how}") from error
 
 

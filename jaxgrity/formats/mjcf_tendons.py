@@ -98,7 +98,9 @@ def _actuators(model: Any, data: Any, losses: Losses) -> tuple[dict[int, Driven]
         if _is_still(model, a):
             still.append(name)
             if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON:
-                pulled[tendon] = _forces(model, a)
+                low, high = pulled.get(tendon, (0.0, 0.0))
+                more = _forces(model, a)
+                pulled[tendon] = (low + more[0], high + more[1])
             continue
         if spring is None or tendon in found:
             losses.lose("actuators", f"actuator {name}: no spring of a tendon that has a rest length at control 0")

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
@@ -93,8 +94,9 @@ class SpeedForecast(NamedTuple):
         if self.gradient_shares is not None and self.explained >= LINEAR:
             shares = self.gradient_shares
         lines = [
-            f"{self.mean:.4g} m/s (standard deviation {self.standard_deviation:.2g}) over {len(self.speeds)} robots, "
-            f"of which {self.rolling:.0%} roll; the most probable one: {self.orbit.speed:.4g} m/s"
+            f"{in_digits(self.mean, 4)} m/s (standard deviation {in_digits(self.standard_deviation, 2)}) over "
+            f"{len(self.speeds)} robots, of which {self.rolling:.0%} roll; "
+            f"the most probable one: {in_digits(self.orbit.speed, 4)} m/s"
         ]
         for k in np.argsort(-shares):
             lines.append(f"{self.names[k]}, known exactly: variance of the speed down by {shares[k]:.0%}")

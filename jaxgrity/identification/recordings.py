@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeHistory, Times
@@ -73,9 +74,8 @@ def read_recording(path: str | Path, scene: Scene) -> Recording:
     Raises:
         InputError: one line with the file, the line or column, what it has, and what was expected.
     """
-    names, table, lines = _read(path)
-    found = _columns(path, names, scene.structure)
-    times, positions = table[:, names.index("t")], np.full((len(table), *scene.structure.nodes.shape), np.nan)
+    clock, found, table, lines = _read(path, scene.structure)
+    times, positions = table[:, clock], np.full((len(table), *scene.structure.nodes.shape), np.nan)
     for k, line in enumerate(lines):
         if not np.isfinite(times[k]):
             raise InputError(f"{path}: line {line} has no t; expected the time of each row, s")
@@ -95,8 +95,11 @@ def read_recording(path: str | Path, scene: Scene) -> Recording:
     return recording
 
 
-def _read(path: str | Path) -> tuple[list[str], Table, list[int]]:
-    """The names of the columns, the numbers, NaN where there is none, and the number of each row's line."""
+def _read(path: str | Path, structure: Structure) -> tuple[int, dict[tuple[str, int], int], Table, list[int]]:
+    """The places of the times and of other columns, the numbers, NaN where there is none, and each row's line.
+
+    Names are checked first: with another separator, they are wrong too, and say it better than the numbers.
+    """
     reader = csv.reader(io.StringIO(read_text(path)), strict=True)
     try:
         rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row]
@@ -105,13 +108,14 @@ def _read(path: str | Path) -> tuple[list[str], Table, list[int]]:
     if not rows:
         raise InputError(f"{path}: is empty; expected a header with columns {COLUMNS}")
     (_, names), *rows = rows
+    found = _columns(path, names, structure)
     table = np.empty((len(rows), len(names)))
     for place, (line, row) in zip(table, rows):
         if len(row) != len(names):
             raise InputError(f"{path}: line {line} has {len(row)} cells; expected {len(names)}, one for each column")
         for k, (name, cell) in enumerate(zip(names, row)):
             place[k] = _number(cell, f"{path}: line {line} has {name} =")
-    return names, table, [line for line, _ in rows]
+    return names.index("t"), found, table, [line for line, _ in rows]
 
 
 def _number(cell: str, where: str) -> float:
@@ -213,8 +217,10 @@ def _check_first_pose(path: str | Path, scene: Scene, recording: Recording) -> N
         k = int(ratio.argmax())
         if not ratio[k] <= STRETCH:
             ends = " and ".join(map(str, structure.struts.edges[k]))
-            what = f"strut {k} (nodes {ends}) is {found[k]:.3g} m long at {t:g} s, and {rest[k]:.3g} m in the scene"
+            long, there = in_digits(found[k]), in_digits(rest[k])
+            what = f"strut {k} (nodes {ends}) is {long} m long at {t:g} s, and {there} m in the scene"
             raise InputError(f"{path}: {what}; {expected}")
     theirs, ours = (float(np.linalg.norm(x - np.mean(x, axis=0))) for x in (q, np.asarray(structure.nodes, float)))
     if ours > 0 and not 1 / SCALE < theirs / ours < SCALE:
-        raise InputError(f"{path}: at {t:g} s the robot is {theirs / ours:.2g} times as large as the scene; {expected}")
+        what = f"at {t:g} s the robot is {in_digits(theirs / ours, 2)} times as large as the scene"
+        raise InputError(f"{path}: {what}; {expected}")

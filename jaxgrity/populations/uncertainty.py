@@ -126,10 +126,10 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
 
 
 def part_of(scene: Any, path: str) -> Any:
-    """The value at a path of attributes and numbers, such as "structure.bodies.0.matrix"; None if one is missing."""
+    """The value at a path of stored fields and numbers, such as "structure.bodies.0.matrix"; None if one is missing."""
     for name in path.split("."):
         numbered = isinstance(scene, tuple) and name.isdecimal() and int(name) < len(scene)
-        scene = scene[int(name)] if numbered else getattr(scene, name, None)
+        scene = scene[int(name)] if numbered else getattr(scene, "__dict__", {}).get(name)
     return scene
 
 

@@ -120,19 +120,18 @@ def _check_pathwise(kind: GradientKind, fitness: Fitness) -> None:
     if fitness.caution:
         received.append(f"caution = {fitness.caution:g}")
         expected.append("caution = 0")
+    for name in ("force", "power"):
+        bound = getattr(fitness.bounds, name)
+        if bound is not None:
+            received.append(f"bounds.{name} = {bound:g}")
+            expected.append(f"bounds.{name} = None (--objective.largest-{name} None)")
     if objective.steady or objective.needs_metrics:
         fit = [name for name, each in OBJECTIVES.items() if each.parts == 1 and not each.needs_metrics]
         received.append(f"objective = {type(objective).__name__}")
         expected.append(f"objective = {', '.join(fit[:-1])} or {fit[-1]}")
-    for name in ("force", "power"):
-        bound = getattr(fitness.bounds, name)
-        if bound is not None:
-            received.append(f"largest_{name} = {bound:g}")
-            expected.append(f"largest_{name} = None")
     if received:
-        raise InputError(
-            f"polishing by {kind!r}: {' and '.join(received)}; expected {' and '.join(expected)}, or another gradient"
-        )
+        what, fitting = ", ".join(received), ", ".join(expected)
+        raise InputError(f"polishing by {kind!r}: {what}; expected {fitting}, or another gradient")
 
 
 def _check_numbers(config: PolishConfig) -> None:

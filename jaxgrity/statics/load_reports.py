@@ -83,7 +83,7 @@ class LoadReport(NamedTuple):
         known = bool(np.isfinite(self.margins[weakest]))
         lines = [
             ("load case", self.name),
-            ("displacement", f"up to {moved.max():.4g} m (node {int(moved.argmax())})"),
+            ("displacement", f"up to {in_digits(moved.max(), 4)} m (node {int(moved.argmax())})"),
             ("forces", force_words(self.structure, self.forces)),
             ("reactions", f"up to {in_digits(held.max(), 4)} N (node {int(held.argmax())})"),
             ("slack cables", ", ".join(map(str, self.slack)) or "none"),

@@ -112,6 +112,15 @@ def test_of_several_recordings_the_last_is_held_out(recorded, tmp_path):
     assert np.isfinite(last.positions[0, 1]).all()
 
 
+def test_a_quick_part_has_enough_rows(tmp_path):
+    """Where a robot was seen more seldom than each second."""
+    (tmp_path / "hanging.toml").write_text(SCENE)
+    (tmp_path / "run.csv").write_text("t,x1,y1,z1\n" + "".join(f"{3 * k},0,0,-1.2\n" for k in range(4)))
+    scene = load_scene(tmp_path / "hanging.toml")
+    with pytest.raises(InputError, match=r"run.csv: rows in the first 2 s: 1; expected 3 or more, or no --quick"):
+        validate.recorded_parts(scene, settings(tmp_path, tmp_path, quick=True))
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

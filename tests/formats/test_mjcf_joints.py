@@ -118,6 +118,8 @@ def test_actuators_without_force_are_named(tmp_path):
     assert "1 actuators have no force at control 0, and are left out: m" in notes
     assert "controls change the rest lengths of 1 members by -25% to 0%: [gait] members = [0]" in notes, "5 N by 50 N/m"
     np.testing.assert_array_equal(scene.structure.cables.stiffness, [50])
+    two = text.replace("</actuator>", '<motor tendon="t" ctrlrange="-5 0" ctrllimited="true"/></actuator>')
+    assert "by -50% to 0%: [gait] members = [0]" in " ".join(found(tmp_path, two).notes), "forces add up"
     spring = motor.replace("motor", "general").replace("/>", ' gainprm="60" biastype="affine" biasprm="30 -100 -2"/>')
     text = model(body(), last=spring).replace('<spatial stiffness="50" springlength="0 0.4"', '<spatial name="t"')
     scene, notes = found(tmp_path, text)
@@ -208,3 +210,8 @@ def test_all_that_would_be_lost_is_refused_at_once(tmp_path):
         found(tmp_path, text)
     notes = found(tmp_path, text, drop=["limits", "forces"]).notes
     assert sum(note.startswith("dropped: ") for note in notes) == 2
+    # what else is wrong is said, too, and not that dropping is enough
+    said = r"gravity compensation, which would be lost; and then: no tendon has a spring, [^;]*"
+    with pytest.raises(InputError, match=said) as refused:
+        found(tmp_path, text.replace('stiffness="50"', ""))
+    assert "drop" not in str(refused.value)

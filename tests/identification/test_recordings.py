@@ -65,6 +65,7 @@ GOOD = "0,0,0,-1.2\n0.1,0,0,-1.2\n0.2,0,0,-1.2\n"
 BAD = {
     "empty": ("", "is empty; expected a header"),
     "no time": ("x1,y1,z1\n0,0,0\n", "has no column t; expected columns t, x0"),
+    "semicolons": ("t;x1;y1;z1\n0;0;0;-1.2\n", "has no column t; expected columns t, x0"),
     "no places": ("t,contraction 0\n0,0\n", "has no places of nodes"),
     "another column": ("t,x1,y1,z1,force 3\n", "has a column 'force 3'; expected columns t, x0"),
     "twice": ("t,x1,x1,y1,z1\n", "has a column 'x1'; expected columns t, .* each once"),
@@ -78,7 +79,7 @@ BAD = {
     "time backwards": (HEAD + "0.1,0,0,-1.2\n\n0.1,0,0,-1.2\n", "line 4 has t = 0.1 after 0.1; expected later times"),
     "never seen": (HEAD + "0,0,,-1.2\n0.1,0,,-1.2\n", "never has node 1; expected x1, y1, z1 in some rows"),
     "short": (HEAD + "0,,0,-1.2\n0.1,0,0,-1.2\n0.2,0,0,-1.2\n", "has 2 rows from the first one .* at least 3"),
-    "millimetres": (HEAD + GOOD.replace("-1.2", "-120"), "1e\\+02 times as large as the scene; expected metres"),
+    "millimetres": (HEAD + GOOD.replace("-1.2", "-120"), "robot is 100 times as large as the scene; expected metres"),
     "both commands": (
         "t,x1,y1,z1,contraction 0,rest length 0\n" + GOOD.replace("\n", ",0,1\n"),
         "has both commands of member 0; expected its rest length or its contraction",
@@ -106,7 +107,7 @@ def test_a_wrong_table_is_refused_in_one_line(tmp_path, text, words):
 @pytest.mark.parametrize(
     ("order", "scale", "words"),
     [
-        ([0, 1, 2], 1000.0, r"strut 0 \(nodes 0 and 1\) is 1e\+03 m long at 0 s, and 0\.968 m in the scene"),
+        ([0, 1, 2], 1000.0, r"strut 0 \(nodes 0 and 1\) is 1000 m long at 0 s, and 0\.968 m in the scene"),
         ([2, 1, 0], 1.0, r"strut 0 \(nodes 0 and 1\) is 0\.\d+ m long"),
     ],
     ids=["millimetres", "other numbers"],

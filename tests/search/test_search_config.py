@@ -131,8 +131,9 @@ def test_a_wide_search_draws_many_and_goes_on_with_the_best_eighth():
         (SearchConfig(polish=PolishConfig(gaits=0)), "polish: gaits = 0; expected 1 to 16"),
         (
             SearchConfig(polish=PolishConfig(kind="pathwise")),
-            "polishing by 'pathwise': caution = 1 and objective = SteadySpeed and largest_power = 200; expected "
-            "caution = 0 and objective = distance, direction or speed and largest_power = None, or another gradient",
+            "polishing by 'pathwise': caution = 1, bounds.power = 200, objective = SteadySpeed; expected "
+            r"caution = 0, bounds.power = None \(--objective.largest-power None\), "
+            "objective = distance, direction or speed, or another gradient",
         ),
     ],
 )
