@@ -20,7 +20,7 @@ MODES = 8
 """Number of motions that are sought in each round. Motions of equal parts of a structure are equally fast."""
 ROUNDS = 12
 """Most rounds: each seeks the motions that grow most at a step a little above the limit found so far."""
-ABOVE = (1.1, 1.001)
+ABOVE = (1.1, 1.0001)
 """These steps, as multiples of the limit found so far. At the first, few motions grow much, and are found quickly. The
 second is close to the limit, where the motion that sets the limit grows most."""
 SEEN, RESTARTS = 40, 20
