@@ -206,8 +206,8 @@ class ConvertSettings:
     unit: float | None = None
     """length unit of an NTRT file, m; by default 0.1. Other files are in metres"""
     drop: tuple[str, ...] = ()
-    """parts to leave out: contact, radius, friction, limits, damping, actuators, air, forces of a MuJoCo model; radius,
-    wrapping, friction of a NTRT file"""
+    """parts to leave out. MuJoCo models: contact, radius, friction, limits, damping, actuators, air, forces. NTRT
+    files: radius, wrapping, friction"""
     keyframe: str = ""
     """keyframe of a MuJoCo model in which the robot starts; by default it starts where the model places its bodies"""
     columns: tuple[str, ...] = ()

@@ -46,7 +46,7 @@ def main(settings: ValidateSettings) -> None:
     found = None
     compared = {name: {BEFORE: beside_simulation(scene, part, options=options)} for name, part in parts.items()}
     if parameters:
-        print(f"\nfitting {len(parameters)} parameters to {' and '.join(fitted)} ...", flush=True)
+        print(f"\nfitting {', '.join(settings.identify)} to {' and '.join(fitted)} ...", flush=True)
         found = identify(scene, parameters, motions, twin=not settings.quick)
         for name, part in parts.items():
             compared[name][AFTER] = beside_simulation(found.scene, part, options=options)

@@ -32,6 +32,8 @@ HEADING = 0.2
 FEWEST_PERIODS = 4 * MOST_PERIODS
 """Number of periods of actuation in full swing of `shortest_watch`. In it, a robot that settles later than half of
 them does not count as settled."""
+IN_TIME = f"in the first half of {FEWEST_PERIODS} periods of actuation"
+"""When such a robot has to settle, in words."""
 WINDOW = 10.0
 """Length of the windows over which the speed is averaged, s for a body of one metre."""
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxgrity.core.display import counted_robots, finite_or, in_digits, mean_of_robots, significant, with_error
-from jaxgrity.orbits.finding import FEWEST_PERIODS
+from jaxgrity.orbits.finding import IN_TIME
 from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report import plot
 from jaxgrity.report.steady import NOT_LASTING, on_orbit, steady_rows
@@ -169,8 +169,7 @@ def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, 
     if known and not np.isfinite(multipliers[0]):
         first = f"is none of these, and {first}"
     if not known:
-        within = f"in the first half of {FEWEST_PERIODS} periods of actuation"
-        told = f"none settles on an orbit that attracts disturbed robots, {within}"
+        told = f"none settles on an orbit that attracts disturbed robots, {IN_TIME}"
     else:
         rest = f"; {lost} of {len(multipliers)} settle on {orbit_words(np.inf)}" if lost else ""
         told = f"largest Floquet multipliers per cycle {', '.join(known)}{rest}"

@@ -17,7 +17,7 @@ from jax.flatten_util import ravel_pytree
 from jaxgrity.core.types import AnyArray, Scalar
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
 from jaxgrity.model.scene import Scene, body_length, with_gait
-from jaxgrity.orbits.finding import FEWEST_PERIODS, find_orbit, shortest_watch
+from jaxgrity.orbits.finding import IN_TIME, find_orbit, shortest_watch
 from jaxgrity.orbits.orbit_gradient import FEWEST_CYCLES, MOST_CYCLES, derivatives_along, numbers_of
 from jaxgrity.populations.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait
@@ -35,7 +35,7 @@ DOUBLE = 2.0
 """Cost of a rollout in float64, in rollouts in float32."""
 SHORTEST = 1 / 16
 """A climb ends where steps are shorter than this share of its first step."""
-NO_ORBIT = f"the robot settles on no orbit in the first half of {FEWEST_PERIODS} periods of actuation"
+NO_ORBIT = f"the robot settles on no orbit {IN_TIME}"
 """Why there is no gradient, in words."""
 PULLS = 4
 """Number of corrections that bring a gait back within the bound on rates."""

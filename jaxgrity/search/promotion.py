@@ -11,7 +11,7 @@ from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, with_gait
-from jaxgrity.orbits.finding import FEWEST_PERIODS, find_orbit, shortest_watch
+from jaxgrity.orbits.finding import IN_TIME, find_orbit, shortest_watch
 from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.populations.population import one_gait
 from jaxgrity.search.fidelity import FidelityLevel, FidelityLevels, excess_at, judge_at, rank_correlation
@@ -52,8 +52,7 @@ class Promoted(NamedTuple):
     """of the finalists, best first, by many robots"""
     multipliers: Float[np.ndarray, " finalists"] | None
     """largest Floquet multiplier of each finalist's orbit: the growth of a disturbance in a cycle; infinite without an
-    orbit in `FEWEST_PERIODS` periods of actuation. None: not requested, or no orbit is sought for the objective or the
-    ground"""
+    orbit `IN_TIME`. None: not requested, or no orbit is sought for the objective or the ground"""
     within_bounds: bool
     """whether the best gait keeps the bounds on actuators, on the scene's own robot"""
     agreement: Agreement
@@ -130,7 +129,7 @@ def orbit_words(multiplier: float) -> str:
     """An orbit with its Floquet multiplier, or that there is none, in words."""
     if np.isfinite(multiplier):
         return f"an orbit that multiplies a disturbance in one cycle by {multiplier_words(multiplier)}"
-    return f"no orbit that attracts disturbed robots, in the first half of {FEWEST_PERIODS} periods of actuation"
+    return f"no orbit that attracts disturbed robots, {IN_TIME}"
 
 
 def _multiplier(scene: Scene, dt: float) -> float:
