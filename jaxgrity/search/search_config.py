@@ -131,7 +131,6 @@ def ga_configs(config: SearchConfig, levels: int) -> tuple[GAConfig, ...]:
     if not config.wide:
         few = max(1, size // 8)
         return tuple(GAConfig(size, generations=count, elites=few, optimiser=config.optimiser) for count in counts)
-    # with two parents, searches end at the first gaits that roll somehow, and miss the few that roll fast
     sizes, drawn = (size, max(fewest(config.optimiser), size // 8)), (DRAWN * size, None)
     best = [max(1, each // 8) for each in sizes]
     return tuple(
@@ -142,7 +141,6 @@ def ga_configs(config: SearchConfig, levels: int) -> tuple[GAConfig, ...]:
             mutation_rate=1.0,
             mutation_size=width,
             drawn=first,
-            crossover=0.0,
             parents=few,
             optimiser=config.optimiser,
         )
