@@ -17,6 +17,7 @@ from .judging import Judging, Scores, influences, judge, standard_error, with_ro
 from .models import RolloutModel, model_of, rough_step
 from .motions import RobotMotions, robot_motions
 from .objectives import OBJECTIVES, JumpHeight, find_objective
+from .pareto import ParetoFront, pareto_front
 from .paths import path_bend
 from .pipeline import Progress
 from .polish_config import check_polish
@@ -35,6 +36,7 @@ __all__ = [
     "Generation",
     "Judging",
     "JumpHeight",
+    "ParetoFront",
     "Progress",
     "Promoted",
     "Repertoire",
@@ -60,6 +62,7 @@ __all__ = [
     "load_states",
     "model_of",
     "open_checkpoint",
+    "pareto_front",
     "path_bend",
     "rank_correlation",
     "repertoire",

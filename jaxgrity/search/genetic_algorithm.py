@@ -219,7 +219,7 @@ def _advance(state: EvolutionState, judging: Judging, genome: Genome, config: GA
         width = config.mutation_size[0]
         children, memory = asked_next(bred, raw, scores.merit, state.memory, config.population, width)
     else:
-        children = _breed(bred, generation, np.asarray(progress, genes.dtype), genome, config)
+        children = breed(bred, generation, np.asarray(progress, genes.dtype), genome, config)
     within = (scores.beyond == 0) & ~scores.failed
     median = _median(scores.fitness[within] if within.any() else scores.fitness)
     newest = (float(generation.fitness[0]), median, float(generation.failed), float(within.sum()))
@@ -227,6 +227,7 @@ def _advance(state: EvolutionState, judging: Judging, genome: Genome, config: GA
     return EvolutionState(state.number + 1, jax.random.key_data(key), children, record, generation, memory)
 
 
+@eqx.filter_jit
 def breed(key, generation: Generation, progress: Scalar, genome: Genome, config: GAConfig) -> Genes:
     """The genes of the next generation: elites, and children of one parent or of two.
 
@@ -249,9 +250,6 @@ def breed(key, generation: Generation, progress: Scalar, genome: Genome, config:
     mutated = jax.random.bernoulli(which, config.mutation_rate, child.shape)
     child = child + jnp.where(mutated, size * jax.random.normal(mutate, child.shape, dtype), 0)
     return jnp.concatenate([genes[: config.elites], genome.within(child)])
-
-
-_breed = eqx.filter_jit(breed)
 
 
 @typed

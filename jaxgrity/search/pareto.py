@@ -1,0 +1,144 @@
+"""A Pareto front: the fastest gaits for each force, power or rate that actuators may need, by one population.
+
+Selection by ranks of non-dominated gaits and their crowding: Deb, Pratap, Agarwal and Meyarivan 2002 (NSGA-II),
+doi:10.1109/4235.996017. Unlike there, every gait meets new robots in each generation, the best ones too.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from jaxgrity.core import draws
+from jaxgrity.core.arguments import check_count
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.typed import typed
+from jaxgrity.search.genetic_algorithm import GAConfig, Generation, SearchProblem, breed
+from jaxgrity.search.judging import judge
+from jaxgrity.search.objectives import ActuatorBounds
+from jaxgrity.stepping.options import Options
+
+LEAST = 1e-3
+"""Smallest need that is told apart, as a share of the bound of the problem; smaller ones count as this."""
+
+
+class ParetoFront(NamedTuple):
+    """Gaits of which none is both better and less demanding than another, the least demanding first."""
+
+    genes: Float[np.ndarray, "gaits genes"]
+    fitness: Float[np.ndarray, " gaits"]
+    """in the unit of the objective; by the draws that chose it, so that it is less by others"""
+    need: Float[np.ndarray, " gaits"]
+    """largest force (N), power (W) or rate (m/s) of any actuator, in the mean over the robots"""
+    rollouts: int
+
+
+@typed
+def pareto_front(
+    problem: SearchProblem,
+    config: GAConfig | None = None,
+    *,
+    against: Literal["force", "power", "rate"] = "power",
+    seed: int = 0,
+    options: Options = None,
+    on_generation: Callable[[ParetoFront], None] | None = None,
+) -> ParetoFront:
+    """Evolve a population towards the front of fitness against what actuators need.
+
+    The start from rest counts, as it does for bounds. The bound of the problem on `against` only sets the scale, and no
+    other bound counts, except where the genome scales amplitudes down to the bound on rates.
+
+    Args:
+        problem: scene, genome, duration (s) and fitness.
+        config: population, generations and breeding; parents are the best half by default.
+        against: what actuators need: the largest force, power or rate.
+        seed: seed of the random number generator.
+        options: solver options; by default the scene decides.
+        on_generation: gets the front after each generation.
+
+    Returns:
+        The front of the last generation; empty where all its gaits fail.
+
+    Raises:
+        InputError: a problem without a bound on `against`, bad options (see `resolve`).
+
+    Example:
+        >>> scene = jaxgrity.load_scene("exact")
+        >>> problem = jaxgrity.search.search_problem(scene, jaxgrity.SearchConfig(duration=1.5))
+        >>> config = jaxgrity.GAConfig(population=8, generations=2, elites=4)
+        >>> found = jaxgrity.search.pareto_front(problem, config, options=jaxgrity.SolverOptions(dt=0.01))
+        >>> bool((np.diff(found.fitness) > 0).all() and (np.diff(found.need) > 0).all())
+        True
+    """
+    config = config or GAConfig(elites=32, parents=64, mutation_rate=1.0)
+    check_count("seed", seed, 0)
+    unit = getattr(problem.fitness.bounds, against)
+    if unit is None:
+        raise InputError(f"bounds: none on the {against}; expected ActuatorBounds({against}=...), which sets the scale")
+    # the excess over a small bound is the need itself
+    least = LEAST * unit
+    bounds = ActuatorBounds(**{against: least})
+    judging = problem._replace(fitness=replace(problem.fitness, bounds=bounds)).judging(options)
+    key, first = jax.random.split(jax.random.key(seed))
+    genes = draws.uniform(first, (config.drawn or config.population, problem.genome.size), judging.dtype)
+    rollouts = 0
+    for number in range(config.generations):
+        tried, varied = jax.random.split(jax.random.fold_in(key, number))
+        genes = np.asarray(genes)
+        scores = judge(tried, judging, problem.genome.gaits(problem.scene.gait, genes))
+        need = np.where(scores.failed, np.inf, least * (1 + scores.excess.mean(1)))
+        order = ranked(scores.fitness, need)[: config.population]
+        rollouts += scores.each.size
+        best = Generation(genes[order], scores.fitness[order], scores.spread[order], np.sum(scores.failed))
+        found = _front(best, need[order], rollouts)
+        if on_generation is not None:
+            on_generation(found)
+        progress = min(1, number / max(1, (config.shrinking or config.generations) - 1))
+        genes = breed(varied, best, np.asarray(progress, genes.dtype), problem.genome, config)
+    return found
+
+
+def _front(best: Generation, need: Float[np.ndarray, " gaits"], rollouts: int) -> ParetoFront:
+    """The gaits of a generation that no other one dominates."""
+    first = np.flatnonzero(ranks_of(best.fitness, need) == 0)
+    first = first[np.isfinite(need[first])]
+    chosen = first[np.argsort(need[first])]
+    return ParetoFront(np.asarray(best.genes)[chosen], np.asarray(best.fitness)[chosen], need[chosen], rollouts)
+
+
+def ranked(fitness: Float[np.ndarray, " gaits"], need: Float[np.ndarray, " gaits"]) -> np.ndarray:
+    """(gaits,), their numbers: lower ranks first, and among the same rank those with the most room about them."""
+    ranks, room = ranks_of(fitness, need), np.zeros(len(need))
+    for rank in np.unique(ranks):
+        same = np.flatnonzero(ranks == rank)
+        room[same] = _room(fitness[same], need[same])
+    return np.lexsort((-room, ranks))
+
+
+def ranks_of(fitness: Float[np.ndarray, " gaits"], need: Float[np.ndarray, " gaits"]) -> np.ndarray:
+    """(gaits,), 0 for gaits that none dominates, 1 for those that only these dominate, and so on.
+
+    A gait dominates another if it is no worse in both, and better in one.
+    """
+    better = (fitness[:, None] >= fitness) & (need[:, None] <= need)
+    dominates = better & ((fitness[:, None] > fitness) | (need[:, None] < need))
+    ranks, left, rank = np.zeros(len(need), int), np.ones(len(need), bool), 0
+    while left.any():
+        now = left & ~dominates[left].any(0)
+        ranks[now], left, rank = rank, left & ~now, rank + 1
+    return ranks
+
+
+def _room(fitness: Float[np.ndarray, " gaits"], need: Float[np.ndarray, " gaits"]) -> np.ndarray:
+    """(gaits,), crowding distance: gap between the neighbours in both, as shares of the range; infinite at the ends."""
+    room = np.zeros(len(need))
+    if not np.isfinite(need).all():  # failed gaits, which rank last together
+        return room
+    for values in (fitness, need):
+        order = np.argsort(values)
+        room[order[[0, -1]]] = np.inf
+        room[order[1:-1]] += (values[order[2:]] - values[order[:-2]]) / max(np.ptp(values), np.finfo(float).tiny)
+    return room
