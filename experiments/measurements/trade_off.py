@@ -1,0 +1,141 @@
+"""Speed against power: a Pareto front of gaits that roll on struts, and one of gaits that hop on cables.
+
+Each front is that of one population (`pareto_front`), by rough rollouts. Some gaits from along it are then judged on
+the scene's own model: by robots that differ on both contact models, and by the power of each actuator.
+"""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from measurements.measurement import Figure, Record, measurement
+from measurements.pages import columns
+
+from jaxgrity import GAConfig, SearchConfig, SearchProblem, contact_twin, load_scene, simulate_population
+from jaxgrity.report import plot
+from jaxgrity.search import fidelity_levels, judge_at, pareto_front, search_problem, with_robots, without_force_bounds
+
+LEAST_SPEED = 0.1
+"""Least fitness of gaits of a front that are judged, body lengths/s: slower ones do not travel."""
+
+
+class Kind(NamedTuple):
+    """What may move, and how."""
+
+    members: str
+    waves: str
+    overtones: int
+    amplitude: tuple[float, float]
+    frequency: tuple[float, float]
+
+
+KINDS = {
+    "rolls on struts": Kind("struts", "every", 2, (0.05, 0.5), (0.3, 1.6)),
+    "hops on cables": Kind("cables", "none", 0, (0.05, 0.7), (0.2, 4.0)),
+}
+
+
+@measurement(
+    page="gait_records.md",
+    drawn=("fronts",),
+    quick={"population": 12, "generations": 2, "duration": 4.0, "chosen": 2, "robots": 4},
+)
+def trade_off(
+    population: int = 128,
+    generations: int = 32,
+    duration: float = SearchConfig().duration,
+    chosen: int = 6,
+    robots: int = 64,
+    seed: int = 0,
+) -> Iterator[Record]:
+    """A row for each gait that is judged.
+
+    Args:
+        population: gaits per generation; the first has four times as many
+        generations: of each front
+        duration: s, of a rollout
+        chosen: gaits of each front that are judged
+        robots: that differ, by which they are judged
+        seed: of the searches
+    """
+    fronts = {}
+    for name, kind in KINDS.items():
+        config = SearchConfig(duration, population, **kind._asdict())
+        problem = search_problem(load_scene("exact"), config)
+        best = max(1, population // 4)
+        ga = GAConfig(
+            population,
+            generations,
+            best,
+            mutation_rate=1.0,
+            mutation_size=(0.1, 0.01),
+            parents=2 * best,
+            drawn=4 * population,
+        )
+        found = pareto_front(problem, ga, seed=seed, options=fidelity_levels(problem.scene).screening.options)
+        fronts[name] = {"power": found.need.tolist(), "fitness": found.fitness.tolist(), "rollouts": found.rollouts}
+        moves = np.flatnonzero(found.fitness > LEAST_SPEED)
+        along = np.unique(moves[np.linspace(0, len(moves) - 1, chosen).round().astype(int)]) if len(moves) else moves
+        for row in judged(problem, found.genes[along], robots):
+            yield {"kind": name} | row
+    return {"fronts": fronts, "robots": robots}
+
+
+def judged(problem: SearchProblem, genes: np.ndarray, robots: int) -> list[dict[str, Any]]:
+    """Of each gait: steady speeds on both contact models, and the largest power at the start and once settled."""
+    if not len(genes):
+        return []
+    gaits = problem.genome.gaits(problem.scene.gait, genes)
+    here = problem._replace(fitness=with_robots(without_force_bounds(problem.fitness), robots))
+    own, other = (
+        judge_at(fidelity_levels(scene).own, gaits, here, seed=0)
+        for scene in (problem.scene, contact_twin(problem.scene))
+    )
+    settled_by = problem.duration / 4
+    powers = {
+        name: np.asarray(
+            simulate_population(problem.scene, gaits, problem.duration, with_metrics=since).metrics.peak_power
+        ).max(-1)
+        for name, since in (("power", True), ("settled_power", settled_by))
+    }
+    return [
+        {
+            "own": float(own.mean[k]),
+            "own_deviation": float(own.spread[k]),
+            "other": float(other.mean[k]),
+            "other_deviation": float(other.spread[k]),
+            **{name: float(found[k]) for name, found in powers.items()},
+            "frequency": float(np.max(np.asarray(gaits.frequency)[k])),
+            "amplitude": float(np.max(np.asarray(gaits.amplitude)[k])),
+        }
+        for k in range(len(genes))
+    ]
+
+
+@trade_off.table
+def words(record: Record) -> str:
+    """Speed and power of gaits from along both fronts."""
+    cells = {
+        "gait": "{kind}",
+        "peak power, W": "{power:.0f}",
+        "once settled, W": "{settled_power:.0f}",
+        "speed of perturbed robots, body lengths/s": "{own:.2f} ({own_deviation:.2f})",
+        "on penalty contact": "{other:.2f} ({other_deviation:.2f})",
+        "frequency, Hz": "{frequency:.2f}",
+    }
+    return columns(record["rows"], cells)
+
+
+@trade_off.figure()
+def figure(record: Record, chart: Figure) -> None:
+    """Both fronts, and the gaits that were judged."""
+    axes = chart.subplots()
+    for k, (name, front) in enumerate(record["fronts"].items()):
+        look = {"color": f"C{k}", "marker": plot.MARKERS[k]}
+        axes.plot(front["power"], front["fitness"], "-", color=f"C{k}", alpha=0.5, label=f"{name}: front, rough model")
+        rows = [row for row in record["rows"] if row["kind"] == name]
+        speeds, spread = ([row[each] for row in rows] for each in ("own", "own_deviation"))
+        label = f"{name}: {record['robots']} perturbed robots"
+        axes.errorbar([row["power"] for row in rows], speeds, spread, linestyle="", capsize=3, label=label, **look)
+    axes.set(xlabel="largest power of any motor, start included (W)", ylabel="speed (body lengths/s)", ylim=(0, None))
+    chart.legend(loc="outside upper center", ncols=2)
