@@ -28,7 +28,7 @@ from jaxgrity.search import (
     without_force_bounds,
 )
 
-Method = Literal["random", "CMA-ES", "GA", "GA, crossover"]
+Method = Literal["random", "CMA-ES", "GA without crossover", "GA"]
 Freedom = Literal["waves", "waves with overtones", "free"]
 OVERTONES = 2
 """of waves with overtones"""
@@ -79,7 +79,7 @@ def lasting_baselines(
         built(4, 1)
     scene, size, answers = load_scene("exact"), Size(gaits, population), []
     searches: dict[str, Callable] = {"random": random_search, "CMA-ES": cma_es, "GA": genetic}
-    searches["GA, crossover"] = partial(genetic, crossover=1.0)
+    searches["GA without crossover"] = partial(genetic, crossover=0.0)
     # all robots judge for longer than searches take: small sizes have few of them
     judges, judged_for = (JUDGES, JUDGED_FOR) if gaits > FEW else (8, duration)
     for freedom, seed, method in product(freedoms, range(seeds), methods):
@@ -181,8 +181,8 @@ def cma_es(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
     return np.array([np.asarray(state.mean), *best[::-1]])[:FINALISTS]
 
 
-def genetic(problem: SearchProblem, size: Size, seed: int, crossover: float = 0.0) -> np.ndarray:
-    """The GA as the default search screens, or with this share of children of two parents."""
+def genetic(problem: SearchProblem, size: Size, seed: int, crossover: float = 1.0) -> np.ndarray:
+    """The GA as the default search screens, with this share of children of two parents."""
     config = SearchConfig(population=size.population)
     count = size.gaits // size.population - DRAWN + 1
     ga: GAConfig = ga_configs(SearchConfig(population=config.population, generations=(count, 0)), 1)[0]

@@ -89,7 +89,7 @@ class SearchSettings:
     attracting: bool = True
     """among the best gaits, prefer those whose orbit attracts disturbed robots"""
     wide: bool = True
-    """begin screening with many random gaits, and continue with mutations of the best"""
+    """begin screening with many random gaits, and continue with children of the best eighth"""
     members: Literal["scene", "struts", "cables"] = "scene"
     """members to actuate: those of the scene's gait, all struts, or all cables"""
     active: int | None = None

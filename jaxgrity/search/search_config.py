@@ -62,7 +62,7 @@ class SearchConfig:
     """search method: a genetic algorithm, or CMA-ES (the extra `baselines`), which starts from the best gait of the
     first generation"""
     wide: bool = True
-    """whether screening begins with 4 times as many random gaits, and continues with mutations of the best eighth. A
+    """whether screening begins with 4 times as many random gaits, and continues with children of the best eighth. A
     wide screening ignores bounds on force and power. After it, an eighth of the population continues on the scene's own
     model, within all bounds"""
     dt: float | None = None

@@ -106,12 +106,13 @@ def test_polishing_shapes_overtones_of_waves(exact):
 
 
 def test_a_wide_search_draws_many_and_goes_on_with_the_best_eighth():
-    """On the scene's own model with fewer; a search that is not wide crosses parents."""
+    """On the scene's own model with fewer. All cross parents over; those of a search that is not wide are drawn by
+    tournaments."""
     screening, own = ga_configs(SearchConfig(population=64), 2)
-    assert (screening.population, screening.drawn, screening.parents, screening.crossover) == (64, 256, 8, 0.0)
+    assert (screening.population, screening.drawn, screening.parents, screening.crossover) == (64, 256, 8, 1.0)
     assert (own.population, own.drawn, own.parents) == (8, None, 1)
     narrow, _ = ga_configs(SearchConfig(population=64, wide=False), 2)
-    assert narrow.crossover > 0
+    assert (narrow.drawn, narrow.parents, narrow.crossover) == (None, None, 1.0)
 
 
 @pytest.mark.parametrize(
