@@ -56,9 +56,12 @@ def command_header() -> dict:
     if "--out" in words:
         del words[words.index("--out") : words.index("--out") + 2]
     script = Path(sys.argv[0])
-    program = (
-        [script.name] if script.suffix != ".py" else ["python", script.name if script.is_absolute() else str(script)]
-    )
+    if script.name == "__main__.py":  # python -m jaxgrity
+        program = [script.parent.name]
+    elif script.suffix == ".py":
+        program = ["python", script.name if script.is_absolute() else str(script)]
+    else:
+        program = [script.name]
     return {"command": shlex.join([*program, *words]), "cores": cores()}
 
 

@@ -506,6 +506,21 @@ def test_no_subcommand_is_bad_input(jaxgrity):
     assert jaxgrity("fly").code == 2
 
 
+@pytest.mark.parametrize(
+    ("program", "command"),
+    [
+        ("/somewhere/bin/jaxgrity", "jaxgrity search"),
+        ("/somewhere/jaxgrity/__main__.py", "jaxgrity search"),
+        ("/somewhere/gait_search.py", "python gait_search.py search"),
+        ("experiments/gait_search.py", "python experiments/gait_search.py search"),
+    ],
+)
+def test_results_say_the_command_to_repeat(monkeypatch, program, command):
+    """Without folders, however the program was called."""
+    monkeypatch.setattr(sys, "argv", [program, "search", "--out", "here", "--restart"])
+    assert script.command_header()["command"] == command
+
+
 def test_the_script_calls_the_command():
     """Records of gaits have its path."""
     assert importlib.import_module("gait_search").main is importlib.import_module("jaxgrity.cli.search").main

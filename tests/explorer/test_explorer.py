@@ -94,7 +94,7 @@ def test_each_knob_changes_what_it_says(reference):
 
 def test_a_phase_moves_the_whole_wave_of_its_member(exact):
     """Overtones too, so that the sliders show the gait that a search on the page has found."""
-    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("fast"))
+    scene = jaxgrity.with_gait(exact, jaxgrity.load_gait("brisk"))
     assert scene.gait.overtones
     own = next(knob.value for knob in knobs(scene) if knob.name == "phase of 2 (rad)")
     moved = adjusted(scene, {"phase of 2 (rad)": own + 0.7}).gait
@@ -191,9 +191,9 @@ def test_the_words_are_those_of_the_library(page):
 @pytest.mark.slow
 def test_the_other_contact_model_is_the_twin():
     """With the gait of the library that was asked for."""
-    robot = chosen_robot("exact", OTHER, "fast", 1.0)
+    robot = chosen_robot("exact", OTHER, "brisk", 1.0)
     assert not robot.scene.constrained
-    np.testing.assert_allclose(robot.scene.gait.phase, jaxgrity.load_gait("fast").phase)
+    np.testing.assert_allclose(robot.scene.gait.phase, jaxgrity.load_gait("brisk").phase)
     assert chosen_robot("exact", OWN, OWN, 1.0).scene.constrained
 
 

@@ -58,9 +58,15 @@ def test_a_gait_reaches_what_its_record_says():
     assert abs(again.speed - record["steady"]["speed"]) <= record["steady"]["speed_error_bar"]
 
 
-PERIODS = {"straight": (2, 2), "lasting": (2, 2), "fast": (2, 2), "cables": (1, 1), "left": (4, 4), "right": (2, 2)} | {
-    "uphill": (1, 2)
-}
+PERIODS = {
+    "straight": (2, 2),
+    "lasting": (2, 2),
+    "brisk": (2, 2),
+    "fast": (1, 1),
+    "cables": (1, 1),
+    "left": (4, 4),
+    "right": (2, 2),
+} | {"uphill": (1, 2)}
 """Periods per cycle on exact contact and on penalty contact: after fewer of them shapes differ by millimetres."""
 
 

@@ -31,7 +31,7 @@ def test_gaits_of_the_library_know_their_robot(exact):
     """All are of the six-strut one; a scene with a gait is one program with the scene's own, so it forgets that."""
     for name in gait_names():
         assert load_gait(name).robot == exact.structure.robot
-    assert with_gait(exact, load_gait("fast")).gait.robot is None
+    assert with_gait(exact, load_gait("brisk")).gait.robot is None
 
 
 def test_a_gait_of_another_robot_is_refused(prism):

@@ -26,7 +26,7 @@ SHOWN_WIDTH = 830 * 0.75
 @pytest.fixture(scope="module")
 def motion():
     """A scene that rolls, and its motion."""
-    scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("fast"))
+    scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("brisk"))
     return scene, jaxgrity.simulate(scene, 3.0, frame_rate=50.0)
 
 
@@ -41,7 +41,7 @@ def figures(motion):
         "members": plot.member_figure(scene, trajectory),
         "forces": plot.force_figure(scene, trajectory),
         "gait": plot.gait_figure(scene.gait),
-        "polish": plot.polish_figure(scene.gait, jaxgrity.load_gait("fast"), [0.5, 0.7], "body lengths/s"),
+        "polish": plot.polish_figure(scene.gait, jaxgrity.load_gait("brisk"), [0.5, 0.7], "body lengths/s"),
         "gait and faces": plot.gait_figure(scene.gait, 3.0, jaxgrity.rolling(scene, trajectory)),
         "orbit": plot.orbit_figure(scene, trajectory, 1.0),
         "energy": plot.energy_figure(jaxgrity.energy_audit(scene, 3.0, frame_rate=20.0)),
@@ -107,7 +107,7 @@ def test_a_scene_without_a_gait_has_no_gait_diagram():
 def test_files_are_what_their_names_say(tmp_path, name):
     """Equal figures make equal files."""
     for path in (tmp_path / name, tmp_path / f"b{name}"):
-        plot.save(plot.gait_figure(jaxgrity.load_gait("fast")), path)
+        plot.save(plot.gait_figure(jaxgrity.load_gait("brisk")), path)
     assert (tmp_path / name).read_bytes() == (tmp_path / f"b{name}").read_bytes()
     if name.endswith("png"):
         with Image.open(tmp_path / name) as image:
@@ -182,7 +182,7 @@ def test_gaits_that_are_not_shown_are_counted():
 
 def test_polish_shows_one_actuator_before_and_after():
     """Where a search chooses members, the result lacks those that are idle, and others come first."""
-    rows, gait = np.array([2, 4]), jaxgrity.load_gait("fast")
+    rows, gait = np.array([2, 4]), jaxgrity.load_gait("brisk")
     gait = dataclasses.replace(gait, amplitude=np.linspace(0.1, 0.4, len(gait.members)))
     moving = jax.tree.map(lambda x: np.asarray(x)[rows] if np.ndim(x) else x, gait)
     moving = dataclasses.replace(moving, members=tuple(gait.members[k] for k in rows))

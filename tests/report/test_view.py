@@ -18,7 +18,7 @@ from jaxgrity.stepping.simulate import some_frames
 @pytest.fixture(scope="module")
 def rolling_robot():
     """A scene that rolls, and 1.5 s of its motion from the middle of it."""
-    scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("fast"))
+    scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("brisk"))
     motion = jaxgrity.simulate(scene, 3.0, frame_rate=50.0)
     return scene, replace(some_frames(motion, slice(100, None)), times=motion.times[100:] - motion.times[100])
 

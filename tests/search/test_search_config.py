@@ -99,7 +99,7 @@ def test_polishing_shapes_overtones_of_waves(exact):
     assert max(np.abs(each.size).max() for each in after.overtones) < 2e-3
     rates = np.asarray(peak_rates(after, actuated_lengths(exact.structure, exact.gait.members)))
     assert rates.max() <= 0.5
-    shaped = with_gait(exact, load_gait("fast"))
+    shaped = with_gait(exact, load_gait("brisk"))
     assert genome_to_polish(search_problem(shaped, config), genes, config)[0].overtones == 0
     free = SearchConfig(waves="none", polish=PolishConfig(overtones=2))
     assert genome_to_polish(search_problem(exact, free), np.zeros((1, 13)), free)[0].overtones == 0
