@@ -66,7 +66,8 @@ PERIODS = {
     "cables": (1, 1),
     "left": (4, 4),
     "right": (2, 2),
-} | {"uphill": (1, 2)}
+    "uphill": (1, 2),
+}
 """Periods per cycle on exact contact and on penalty contact: after fewer of them shapes differ by millimetres."""
 
 
