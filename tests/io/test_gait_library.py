@@ -64,7 +64,7 @@ PERIODS = {
     "brisk": (2, 2),
     "fast": (1, 1),
     "cables": (1, 1),
-    "left": (4, 4),
+    "left": (2, 2),
     "right": (2, 2),
     "uphill": (1, 2),
 }
