@@ -1,11 +1,12 @@
-"""Speed against power: a Pareto front of gaits that roll on struts, and one of gaits that hop on cables.
+"""Speed against power: a Pareto front of gaits that roll, for the robot of the scene `exact` and for a softer one.
 
 Each front is that of one population (`pareto_front`), by rough rollouts. Some gaits from along it are then judged on
 the scene's own model: by robots that differ on both contact models, and by the power of each actuator.
 """
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
@@ -19,20 +20,10 @@ LEAST_SPEED = 0.1
 """Least fitness of gaits of a front that are judged, body lengths/s: slower ones do not travel."""
 
 
-class Kind(NamedTuple):
-    """What may move, and how."""
-
-    members: str
-    waves: str
-    overtones: int
-    amplitude: tuple[float, float]
-    frequency: tuple[float, float]
-
-
-KINDS = {
-    "rolls on struts": Kind("struts", "every", 2, (0.05, 0.5), (0.3, 1.6)),
-    "hops on cables": Kind("cables", "none", 0, (0.05, 0.7), (0.2, 4.0)),
-}
+ROBOTS = {"standard": "exact", "softer": Path(__file__).with_name("softer_robot.toml")}
+"""Scenes of the robots, by their names here. The softer one is described in its file."""
+OVERTONES = 2
+"""Overtones of each wave."""
 
 
 @measurement(
@@ -59,9 +50,8 @@ def trade_off(
         seed: of the searches
     """
     fronts = {}
-    for name, kind in KINDS.items():
-        config = SearchConfig(duration, population, **kind._asdict())
-        problem = search_problem(load_scene("exact"), config)
+    for name, scene in ROBOTS.items():
+        problem = search_problem(load_scene(scene), SearchConfig(duration, population, overtones=OVERTONES))
         best = max(1, population // 4)
         ga = GAConfig(
             population,
@@ -77,7 +67,7 @@ def trade_off(
         moves = np.flatnonzero(found.fitness > LEAST_SPEED)
         along = np.unique(moves[np.linspace(0, len(moves) - 1, chosen).round().astype(int)]) if len(moves) else moves
         for row in judged(problem, found.genes[along], robots):
-            yield {"kind": name} | row
+            yield {"robot": name} | row
     return {"fronts": fronts, "robots": robots}
 
 
@@ -116,7 +106,7 @@ def judged(problem: SearchProblem, genes: np.ndarray, robots: int) -> list[dict[
 def words(record: Record) -> str:
     """Speed and power of gaits from along both fronts."""
     cells = {
-        "gait": "{kind}",
+        "robot": "{robot}",
         "peak power, W": "{power:.0f}",
         "once settled, W": "{settled_power:.0f}",
         "speed of perturbed robots, body lengths/s": "{own:.2f} ({own_deviation:.2f})",
@@ -132,10 +122,12 @@ def figure(record: Record, chart: Figure) -> None:
     axes = chart.subplots()
     for k, (name, front) in enumerate(record["fronts"].items()):
         look = {"color": f"C{k}", "marker": plot.MARKERS[k]}
-        axes.plot(front["power"], front["fitness"], "-", color=f"C{k}", alpha=0.5, label=f"{name}: front, rough model")
-        rows = [row for row in record["rows"] if row["kind"] == name]
+        axes.plot(
+            front["power"], front["fitness"], "-", color=f"C{k}", alpha=0.5, label=f"{name} robot: front, rough model"
+        )
+        rows = [row for row in record["rows"] if row["robot"] == name]
         speeds, spread = ([row[each] for row in rows] for each in ("own", "own_deviation"))
-        label = f"{name}: {record['robots']} perturbed robots"
+        label = f"{name} robot: {record['robots']} perturbed robots"
         axes.errorbar([row["power"] for row in rows], speeds, spread, linestyle="", capsize=3, label=label, **look)
     axes.set(xlabel="largest power of any motor, start included (W)", ylabel="speed (body lengths/s)", ylim=(0, None))
     chart.legend(loc="outside upper center", ncols=2)

@@ -46,7 +46,7 @@ def test_gaits_of_the_library_fit_their_scenes(name):
     assert (shares > (0.85 if record["scene"] != "uphill" else 0.8)).all()
     for each in (steady["robust"], steady["other_contact_model"]):
         assert each["standard_deviation"] < 0.15 * steady["speed"]
-    assert record["command"].startswith(("python experiments/gait_search.py", "jaxgrity search "))
+    assert record["command"].startswith(("python experiments/gait_search.py", "jaxgrity search"))
 
 
 @pytest.mark.slow
