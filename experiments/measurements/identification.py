@@ -142,8 +142,9 @@ def words(record: Record) -> str:
             rows.append([about, f"`{each['name']}`", *cells])
             about = ""
     head = ["the robot", "seen for, s", "windows", "fits that converged", "median time of a fit, s", "longest time, s"]
-    errors = ["median standard error, %", "median error, %", "largest error, %", "errors below 2 %", "truth in the interval"]
-    return "\n\n".join([table(head, fits), table(["the robot", "parameter", *errors], rows)])
+    errors = ["median standard error, %", "median error, %", "largest error, %"]
+    shares = ["errors below 2 %", "truth in the interval"]
+    return "\n\n".join([table(head, fits), table(["the robot", "parameter", *errors, *shares], rows)])
 
 
 def facts_of(case: Case, rows: list[Record]) -> Record:
