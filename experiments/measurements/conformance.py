@@ -47,20 +47,20 @@ def conformance(few: bool = False) -> Iterator[Record]:
         yield {**case._asdict(), "difference": case.ours - case.theirs}
 
 
-PRISMS = "prism of "
-"""Beginning of the names of forty cases that are much alike, which have a table of their own."""
+ALIKE = ("prism of ", "tower of two prisms, natural frequency")
+"""Beginnings of the names of many cases that are much alike, which have a table of their own."""
 
 
 @conformance.table
 def words(record: Record) -> str:
-    """Both answers, and their difference, of all cases but prisms."""
-    return compared([row for row in record["rows"] if not row["case"].startswith(PRISMS)])
+    """Both answers, and their difference, of all cases but those that are much alike."""
+    return compared([row for row in record["rows"] if not row["case"].startswith(ALIKE)])
 
 
 @conformance.table(part="prisms")
 def words_of_prisms(record: Record) -> str:
-    """The same of prisms."""
-    return compared([row for row in record["rows"] if row["case"].startswith(PRISMS)])
+    """The same of prisms and of natural frequencies."""
+    return compared([row for row in record["rows"] if row["case"].startswith(ALIKE)])
 
 
 def compared(rows: list[Record]) -> str:

@@ -141,9 +141,10 @@ def words(record: Record) -> str:
                 cells = [*shares, *(f"{each[key]} of {count}" for key in ("within_2_percent", "covered"))]
             rows.append([about, f"`{each['name']}`", *cells])
             about = ""
-    head = ["the robot", "seen for, s", "windows", "fits that converged", "time of a fit: median, s", "longest, s"]
-    errors = ["standard error, %", "median error, %", "largest error, %", "within 2 %", "inside its interval"]
-    return "\n\n".join([table(head, fits), table(["the robot", "parameter", *errors], rows)])
+    head = ["the robot", "seen for, s", "windows", "fits that converged", "median time of a fit, s", "longest time, s"]
+    errors = ["median standard error, %", "median error, %", "largest error, %"]
+    shares = ["errors below 2 %", "truth in the interval"]
+    return "\n\n".join([table(head, fits), table(["the robot", "parameter", *errors, *shares], rows)])
 
 
 def facts_of(case: Case, rows: list[Record]) -> Record:

@@ -83,8 +83,8 @@ def words(record: Record) -> str:
         ]
         for (name, unit), seen in zip(UNIT.items(), record["held_out"].values())
     ]
-    held_out = f"rms error in {record['held_out_runs']} runs held out"
-    head = [held_out, "as sold", f"identified from {record['fitted_runs']} other runs", "the robot from run to run"]
+    held_out = f"rms error in {record['held_out_runs']} other runs"
+    head = [held_out, "as sold", f"fitted to {record['fitted_runs']} runs", "the robot from run to run"]
     return table(head, rows)
 
 
@@ -98,7 +98,7 @@ def parameters(record: Record) -> str:
         value = "not determined" if row["value"] is None else f"{size * row['value']:.3g}{unit} ± {error}"
         plausible = f"1 ({row['spread']:g})" if row["kind"] == "factor" else f"0{unit} ({size * row['spread']:g}{unit})"
         cells.append([row["name"].removeprefix("scene."), row["kind"], plausible, value])
-    return table(["parameter", "", "plausible before (standard deviation)", "identified"], cells)
+    return table(["parameter", "kind", "before (plausible spread)", "identified"], cells)
 
 
 def in_use(rig: Rig, command: tuple) -> Scene:

@@ -81,9 +81,9 @@ def words(record: Record) -> str:
         for name, each in record["forecasts"].items()
     ]
     rows.append(["the robot itself", "", "", f"{record['true']:.4f}", "", "", ""])
-    robots = [f"mean speed of {record['robots']} robots, m/s", "standard deviation, m/s"]
-    probable = ["most probable robot, m/s", "standard deviation by the gradient, m/s"]
-    return table(["plausible robots", *robots, *probable, "robots that roll", "variance explained"], rows)
+    speed = ["mean speed, m/s", "standard deviation, m/s", "most probable robot, m/s"]
+    others = ["standard deviation by the gradient, m/s", "robots that roll", "variance explained"]
+    return table([f"{record['robots']} plausible robots", *speed, *others], rows)
 
 
 @partial(sim_to_real.table, part="shares")
@@ -97,7 +97,7 @@ def shares(record: Record) -> str:
             rows.append([about, f"`{each['name']}`", f"{each['spread']:.1%}", f"{each['slope']:+.4f}", *parts])
             about = ""
     head = ["identification", "parameter", "plausible spread", "change of speed per spread, m/s"]
-    return table([*head, "variance removed, by the gradient", "by the robots"], rows)
+    return table([*head, "variance removed, by the gradient", "variance removed, by the robots"], rows)
 
 
 def throw_and_identify(scene: Scene, truth: Scene, duration: float, random: np.random.Generator) -> Identified:

@@ -90,7 +90,7 @@ def words(record: Record) -> str:
         ["sum of squared residuals, in standard errors, over these", f"{min(squares):.2f} to {max(squares):.2f}"],
         ["damping ratios that cannot be told apart", f"{record['ratios'][0]:g} to {record['ratios'][1]:g}"],
     ]
-    return table(["mean response to a command", "measured"], rows)
+    return table(["quantity", "value"], rows)
 
 
 @spine_dynamics.figure(3.6)

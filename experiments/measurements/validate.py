@@ -99,6 +99,6 @@ def words(record: Record) -> str:
                 f"{seen['middle_least']:.2f} to {seen['middle_most']:.2f} {unit}",
             ]
         )
-    head = ["", "largest difference from the authors' poses", "difference from the camera, rms of a run"]
-    head += ["mean difference", "the robot from run to run", "rms of a run, frames 0.5 to 1.4 s after a command"]
+    head = ["coordinate", "from the laboratory's poses, at most", "from the camera, rms of a run"]
+    head += ["from the camera, mean", "the robot from run to run", "from the camera at rest, rms of a run"]
     return table(head, rows)

@@ -265,5 +265,5 @@ def words(record: Record) -> str:
         [name, f"{each['matter']} of {each['arrays']}", f"{each['reverse']:.0e}", f"{each['differences']:.0e}"]
         for name, each in record["robots"].items()
     ]
-    head = ["what", "arrays with an effect", "reverse mode", "central differences"]
+    head = ["case", "arrays with an effect", "reverse mode off by", "central differences off by"]
     return table(head, rows)

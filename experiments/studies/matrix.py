@@ -211,8 +211,15 @@ def refusals(done: list[Record]) -> list[Record]:
 
 @matrix.table
 def words(record: Record) -> str:
-    """How much is covered, how every use ended, and all refusals."""
-    sums = {"scenes": "{scenes}", "pairs of kinds": "{pairs}", "uses of scenes": "{jobs}", "time": "{seconds:.0f} s"}
+    """How much is covered."""
+    faults = sum(each["faults"] for each in record["uses"])
+    sums = {"scenes": "{scenes}", "pairs of kinds": "{pairs}", "uses tried": "{jobs}", "wrong": str(faults)}
+    return columns([record], sums | {"time": "{seconds:.0f} s"})
+
+
+@matrix.table(part="uses")
+def words_of_uses(record: Record) -> str:
+    """How every use ended."""
     cells = {
         "use": "{use}",
         "scenes": "{scenes}",
@@ -221,9 +228,14 @@ def words(record: Record) -> str:
         "wrong": "{faults}",
         "time": "{seconds:.0f} s",
     }
+    return columns(record["uses"], cells)
+
+
+@matrix.table(part="refusals")
+def words_of_refusals(record: Record) -> str:
+    """All messages."""
     told = {"use": lambda row: ", ".join(row["uses"]), "refused in one line": "{sentence}"}
-    tables = columns([record], sums), columns(record["uses"], cells), columns(record["refusals"], told)
-    return "\n\n".join(tables)
+    return columns(record["refusals"], told)
 
 
 @matrix.table(part="commands")

@@ -31,7 +31,7 @@ BLOCKS = {
     "docs/identification.md": 4,
     "docs/search_records.md": 7,
     "docs/validation.md": 4,
-    "docs/matrix.md": 2,
+    "docs/matrix.md": 4,
 }
 
 
