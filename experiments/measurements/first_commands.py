@@ -38,7 +38,7 @@ COMMANDS = {
 """arguments of `jaxgrity`, by their names in the table; none: the first example of README.md"""
 ENDLESS = {"explore": re.compile(rb"shown after|Ctrl-C to stop")}
 """what says that a command without an end has done what a user waits for; it is interrupted then"""
-WAITED = ("seconds", "cpu", "compiling", "programs")
+WAITED = ("seconds", "compiling", "programs")
 """what the table has of each: seconds, and the number of programs that were made or read"""
 
 
@@ -67,12 +67,12 @@ def quoted(rows: list[Record]) -> list[Record]:
 @first_commands.table
 def words(record: Record) -> str:
     """Each command, cold and warm."""
-    head = ["command", "cold, s", "warm, s", "processor cold, s", "processor warm, s", "compiling cold, s", "programs"]
+    head = ["command", "cold, s", "of that compiling, s", "warm, s", "programs"]
     found = {(row["name"], row["state"]): row for row in record["commands"]}
     rows = []
     for name in dict.fromkeys(row["name"] for row in record["commands"]):
         cold, warm = found[name, "cold"], found[name, "warm"]
-        waited = cold["seconds"], warm["seconds"], cold["cpu"], warm["cpu"], cold["compiling"], cold["programs"]
+        waited = cold["seconds"], cold["compiling"], warm["seconds"], cold["programs"]
         rows.append([name, *map(to_read, waited)])
     return table(head, rows)
 

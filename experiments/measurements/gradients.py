@@ -71,13 +71,13 @@ def words(record: Record) -> str:
     cases, modes = cases_of(record), list(dict.fromkeys(row["mode"] for row in record["rows"]))
     cost = {(row["mode"], row["gaits"], row["parameters"]): row["rollouts"] for row in record["rows"]}
     rows = [[mode, *(f"{cost[mode, *case]:.1f}" for case in cases)] for mode in modes]
-    head = [f"time in rollouts of {record['short']:g} s", *map(label, cases)]
+    head = [f"time/rollout of {record['short']:g} s", *map(label, cases)]
     first = record["long"][0]
     long_head = [
         f"checkpointed reverse, {first['gaits']} gaits",
         *(f"{row['parameters']} parameters, {row['method']}" for row in record["long"]),
     ]
-    long = [f"time in rollouts of {first['horizon']:g} s", *(f"{row['rollouts']:.1f}" for row in record["long"])]
+    long = [f"time/rollout of {first['horizon']:g} s", *(f"{row['rollouts']:.1f}" for row in record["long"])]
     memory = [[name, *(f"{x / 2**20:.1f}" for x in found)] for name, found in record["memory"].items()]
     memory_head = ["memory, MiB", *(f"rollout of {t:g} s" for t in record["lengths"])]
     return "\n\n".join([table(head, rows), table(long_head, [long]), table(memory_head, memory)])

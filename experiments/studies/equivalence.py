@@ -21,6 +21,8 @@ from jaxgrity.report import plot
 
 STEP, FRAME_RATE = 5e-6, 50.0
 """s; 1/s"""
+SOFT = {"K": "struts", "K, no friction": "struts, no friction", "k_n": "ground"}
+"""Part that has springs, by the name of its law."""
 
 
 @measurement(
@@ -61,18 +63,18 @@ def words(record: Record) -> str:
     """Of each law the first and the last stiffness, and how deep the robot stands in the ground at the end."""
     rows = [
         [
-            row["grows"],
+            SOFT[row["grows"]],
             f"{row['values'][0]:.0e} to {row['values'][1]:.0e}",
             f"{short(1e3 * row['distance'][0])} to {short(1e3 * row['distance'][1])}",
             f"{row['slope']:.2f}",
         ]
         for row in record["rows"]
     ]
-    said = table(["stiffened", "stiffness, N/m", "distance, mm", "slope"], rows)
+    said = table(["part with springs", "stiffness, N/m", "distance, mm", "slope"], rows)
     if record["motion"] != "settle":
         return said
-    depth = ["at the largest k_n", f"{record['depth_over_expected']:.3f}"]
-    return said + "\n\n" + table(["mean depth at rest", "divided by m g/(n k_n)"], [depth])
+    depth = [f"{rows[-1][1].split()[-1]}", f"{record['depth_over_expected']:.3f}"]
+    return said + "\n\n" + table(["stiffness of the ground, N/m", "mean depth, in m g/(n k_n)"], [depth])
 
 
 def drop(scene: Scene) -> Scene:

@@ -10,7 +10,7 @@ from itertools import product
 import equinox as eqx
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import columns
+from measurements.pages import columns, short
 
 from jaxgrity import Scene, SolverOptions, gaits_of, load_scene, random_phases, simulate_population, verify
 from jaxgrity.report import plot
@@ -71,10 +71,10 @@ def words(record: Record) -> str:
         "scene": "{scene}",
         "duration, s": "{duration:g}",
         "step, ms": lambda row: f"{1e3 * row['dt']:g}",
-        "rollouts covered": lambda row: f"{round(row['covered'] * row['gaits'])} of {row['gaits']}",
-        "median error, m": "{median_error:.1e}",
-        "median bar, m": "{median_bar:.1e}",
-        "bar/error of a rollout, median": "{median_ratio:.1f}",
+        "covered": lambda row: f"{round(row['covered'] * row['gaits'])} of {row['gaits']}",
+        "median error, mm": lambda row: short(1e3 * row["median_error"]),
+        "median bar, mm": lambda row: short(1e3 * row["median_bar"]),
+        "median bar/error": "{median_ratio:.1f}",
     }
     return columns(record["rows"], cells)
 
@@ -86,9 +86,9 @@ def figure(record: Record, chart: Figure) -> None:
     chart.set_figheight(3.4 * -(-len(rows) // 2) + 0.6)
     for axes, row in zip(chart.subplots(-(-len(rows) // 2), 2, squeeze=False).flat, rows):
         errors, bars = np.asarray(row["errors"], float), np.asarray(row["bars"], float)
-        short = bars < errors
-        axes.loglog(errors[~short], bars[~short], "o", ms=4, color=plot.PATH, label="bar covers the error")
-        axes.loglog(errors[short], bars[short], "X", ms=6, color=plot.STRUT, label="bar is too short")
+        lower = bars < errors
+        axes.loglog(errors[~lower], bars[~lower], "o", ms=4, color=plot.PATH, label="bar covers the error")
+        axes.loglog(errors[lower], bars[lower], "X", ms=6, color=plot.STRUT, label="bar is too short")
         ends = np.array([errors.min(), errors.max()])
         axes.loglog(ends, ends, color="black", label="bar = error")
         axes.loglog(ends, 5 * ends, color="C4", label="bar = 5 times the error")

@@ -103,7 +103,7 @@ def every(record: Record) -> str:
         for step, some in steps_of(methods).items():
             cells = [[row["case"], *(text(row[method]) for method in some)] for row in rows]
             found.append(f"**{dtype}, {step}**, error in m\n\n{table(['case', *some], cells)}")
-    found.append(table(["refuses", "reason"], [[row["method"], row["reason"]] for row in record["refused"]]))
+    found.append(table(["method", "why it refuses"], [[row["method"], row["reason"]] for row in record["refused"]]))
     return "\n\n".join(found)
 
 

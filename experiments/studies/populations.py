@@ -97,9 +97,9 @@ def words(record: Record) -> str:
             }
             device = f"{machine['device']}, JAX {machine['jax']}"
             costs = (f"{1e6 * cost_of[size]:.3g}" if size in cost_of else "-" for size in sizes)
-            apart = "-" if machine is here else f"{1e3 * record['apart'][f'{method} {dtype}']:.1g} mm"
+            apart = "-" if machine is here else f"{1e3 * record['apart'][f'{method} {dtype}']:.1g}"
             rows.append([f"{method}, {dtype}", device, *costs, apart])
-    head = ["method", "device", *(f"{size:,} gaits, µs" for size in sizes), "distance of ends"]
+    head = ["method", "device", *(f"{size:,} gaits, µs" for size in sizes), "distance of ends, mm"]
     return table(head, rows)
 
 

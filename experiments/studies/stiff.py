@@ -77,7 +77,7 @@ def words(record: Record) -> str:
         record["rows"],
         {
             "scene": "{scene}",
-            "tolerance": "{tolerance:g}",
+            "tolerance": "{tolerance:.0e}",
             "method": "{method}",
             "steps": "{steps}",
             "rejected": "{rejected}",
