@@ -48,7 +48,7 @@ MARGIN = 0.05
 """m, that robots keep from obstacles beyond the reach of these plans"""
 UNKNOWN = 0.25
 """share of the friction, within which it is drawn"""
-GAITS = ("lasting", "fast", "left", "right")
+GAITS = ("lasting", "brisk", "left", "right")
 
 
 KINDS = ("reached", "arrived", "touched")

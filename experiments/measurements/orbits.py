@@ -35,7 +35,7 @@ NEAR = 20.0
 @measurement(page="gait_records.md", quick={"gaits": ("straight",), "roughly": True}, drawn=("path",))
 def orbits(
     out: Path,
-    gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right", "uphill"),
+    gaits: tuple[str, ...] = ("straight", "brisk", "lasting", "fast", "cables", "left", "right", "uphill"),
     duration: float = 120.0,
     roughly: bool = False,
 ) -> Iterator[Record]:

@@ -23,7 +23,7 @@ ENOUGH = 0.85
 
 @measurement(page="gait_records.md", quick={"gaits": ("straight",), "robots": 8, "duration": 20.0}, drawn=("speeds",))
 def robots_that_differ(
-    gaits: tuple[str, ...] = ("straight", "lasting", "fast", "cables", "left", "right"),
+    gaits: tuple[str, ...] = ("straight", "brisk", "lasting", "fast", "cables", "left", "right"),
     robots: int = 64,
     duration: float = 60.0,
 ) -> Iterator[Record]:
