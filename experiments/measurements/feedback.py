@@ -107,7 +107,7 @@ def words(record: Record) -> str:
     for case in dict.fromkeys(row["case"] for row in record["rows"]):
         own = (found[case, policy] for policy in policies)
         rows.append([case, *(f"{row['rolled']} of {row['counted']}, {row['speed']:.2f} m/s" for row in own)])
-    return table(["robots that roll, mean speed of all", *(WRITTEN.get(policy, policy) for policy in policies)], rows)
+    return table(["case", *(WRITTEN.get(policy, policy) for policy in policies)], rows)
 
 
 def keep_replay(plant: Plant, many: Dropped, path: Path) -> None:

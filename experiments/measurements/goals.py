@@ -94,13 +94,16 @@ def words(record: Record) -> str:
     )
     median = "" if record["seconds"] is None else f", in {record['seconds']:.0f} s (median)"
     rows = [
-        ["led by a model with nominal friction", f"{record['reached']} of {record['trials']}{median}"],
+        [
+            f"within {record['within']:g} m of the goal, in at most {record['patience']:.0f} s",
+            f"{record['reached']} of {record['trials']} trials{median}",
+        ],
         [
             f"time of a choice from {looked}",
             f"{1e3 * often / record['real_time']:.0f} ms of the {1e3 * often:.0f} ms available",
         ],
     ]
-    return table([f"within {record['within']:g} m of the goal, in at most {record['patience']:.0f} s", "trials"], rows)
+    return table(["led by a model with nominal friction", "measured"], rows)
 
 
 def drawn_trials(ground: str, count: int, twin: bool, seed: int) -> Iterator[Trial]:

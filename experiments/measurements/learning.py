@@ -61,8 +61,8 @@ def words(record: Record) -> str:
         "task": "{task}",
         "seed": "{seed}",
         "progress, m/s": lambda row: with_error(row["progress"], row["error"], decimals=3),
-        "by steps of 5 ms, float64": "{finer:.3f}",
-        "on the other contact model": "{other:.3f}",
+        "with steps of 5 ms, float64": "{finer:.2f}",
+        "other contact model": "{other:.2f}",
         "control periods": lambda _: f"{record['updates'] * record['periods'] / 1e6:.1f} million",
         "wall time, s": "{seconds:.0f}",
     }

@@ -99,9 +99,7 @@ def words(record: Record) -> str:
             f"{round(np.degrees(row['turning']), 1) + 0.0:.1f} ({np.degrees(row['turning_spread']):.1f}) °/s"
         ),
         "speed": "{speed:.2f} m/s",
-        "robots nearly as fast after the bend was reversed": lambda row: (
-            f"{100 * row['went_on']:.0f} %" if "went_on" in row else "-"
-        ),
+        "nearly as fast to the right": lambda row: f"{100 * row['went_on']:.0f} %" if "went_on" in row else "-",
     }
     return columns(record["rows"], cells)
 

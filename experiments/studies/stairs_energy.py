@@ -69,7 +69,7 @@ def words(record: Record) -> str:
     cells = {
         "contact": "{contact}",
         "step": lambda row: f"{1e3 * row['dt']:.3g} ms",
-        "largest residual of the audit, share of the energy turned over": "{missed:.2%}",
+        "largest residual, share of the energy turned over": "{missed:.2%}",
         "energy turned over": "{turned_over:.2f} J",
     }
     return columns(record["rows"], cells)

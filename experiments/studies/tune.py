@@ -191,7 +191,8 @@ def words(record: Record) -> str:
         told = [f"{100 * row[where]['rolling']:.0f} %, {row[where]['speed']:.2f} m/s" for where in ("level", "bumps")]
         numbers = [", ".join(f"{x + 0:.2f}" for x in row["numbers"][PARTS[name]]) for name in differ]
         rows.append([row["name"], *numbers, *told])
-    return table(["feedback", *differ, "level ground", "bumps of 2 cm"], rows)
+    grounds = (f"{where}: share that rolls, speed" for where in ("level ground", "bumps of 2 cm"))
+    return table(["feedback", *differ, *grounds], rows)
 
 
 @tune.figure(4)
