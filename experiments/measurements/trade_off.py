@@ -17,7 +17,7 @@ from jaxgrity.report import plot
 from jaxgrity.search import fidelity_levels, judge_at, pareto_front, search_problem, with_robots, without_force_bounds
 
 LEAST_SPEED = 0.1
-"""Least fitness of gaits of a front that are judged, body lengths/s: slower ones do not travel."""
+"""Least fitness of a front, body lengths/s: slower gaits hardly travel."""
 
 
 ROBOTS = {"standard": "exact", "softer": Path(__file__).with_name("softer_robot.toml")}
@@ -62,10 +62,12 @@ def trade_off(
             parents=2 * best,
             drawn=4 * population,
         )
-        found = pareto_front(problem, ga, seed=seed, options=fidelity_levels(problem.scene).screening.options)
+        found = pareto_front(
+            problem, ga, least=LEAST_SPEED, seed=seed, options=fidelity_levels(problem.scene).screening.options
+        )
         fronts[name] = {"power": found.need.tolist(), "fitness": found.fitness.tolist(), "rollouts": found.rollouts}
-        moves = np.flatnonzero(found.fitness > LEAST_SPEED)
-        along = np.unique(moves[np.linspace(0, len(moves) - 1, chosen).round().astype(int)]) if len(moves) else moves
+        count = len(found.need)
+        along = np.unique(np.linspace(0, count - 1, min(chosen, count)).round().astype(int))
         for row in judged(problem, found.genes[along], robots):
             yield {"robot": name} | row
     return {"fronts": fronts, "robots": robots}

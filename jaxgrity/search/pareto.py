@@ -4,6 +4,7 @@ Selection by ranks of non-dominated gaits and their crowding: Deb, Pratap, Agarw
 doi:10.1109/4235.996017. Unlike there, every gait meets new robots in each generation, the best ones too.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal, NamedTuple
@@ -42,6 +43,7 @@ def pareto_front(
     config: GAConfig | None = None,
     *,
     against: Literal["force", "power", "rate"] = "power",
+    least: float = -math.inf,
     seed: int = 0,
     options: Options = None,
     on_generation: Callable[[ParetoFront], None] | None = None,
@@ -55,15 +57,17 @@ def pareto_front(
         problem: scene, genome, duration (s) and fitness.
         config: population, generations and breeding; parents are the best half by default.
         against: what actuators need: the largest force, power or rate.
+        least: smallest fitness of interest. Gaits below it come last, best first, however little they need. Without it,
+            much of a front may be gaits that hardly move.
         seed: seed of the random number generator.
         options: solver options; by default the scene decides.
         on_generation: gets the front after each generation.
 
     Returns:
-        The front of the last generation; empty where all its gaits fail.
+        The front of the last generation; empty where all its gaits fail, or are below `least`.
 
     Raises:
-        InputError: a problem without a bound on `against`, bad options (see `resolve`).
+        InputError: a problem without a bound on `against`, a `least` that is not a number, bad options (see `resolve`).
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -75,12 +79,14 @@ def pareto_front(
     """
     config = config or GAConfig(elites=32, parents=64, mutation_rate=1.0)
     check_count("seed", seed, 0)
+    if math.isnan(least):
+        raise InputError(f"least = {least}: expected a number")
     unit = getattr(problem.fitness.bounds, against)
     if unit is None:
         raise InputError(f"bounds: none on the {against}; expected ActuatorBounds({against}=...), which sets the scale")
     # the excess over a small bound is the need itself
-    least = LEAST * unit
-    bounds = ActuatorBounds(**{against: least})
+    bound = LEAST * unit
+    bounds = ActuatorBounds(**{against: bound})
     judging = problem._replace(fitness=replace(problem.fitness, bounds=bounds)).judging(options)
     key, first = jax.random.split(jax.random.key(seed))
     genes = draws.uniform(first, (config.drawn or config.population, problem.genome.size), judging.dtype)
@@ -89,7 +95,8 @@ def pareto_front(
         tried, varied = jax.random.split(jax.random.fold_in(key, number))
         genes = np.asarray(genes)
         scores = judge(tried, judging, problem.genome.gaits(problem.scene.gait, genes))
-        need = np.where(scores.failed, np.inf, least * (1 + scores.excess.mean(1)))
+        need = np.where(scores.fitness < least, np.inf, bound * (1 + scores.excess.mean(1)))
+        need[scores.failed] = np.inf
         order = ranked(scores.fitness, need)[: config.population]
         rollouts += scores.each.size
         best = Generation(genes[order], scores.fitness[order], scores.spread[order], np.sum(scores.failed))
@@ -135,7 +142,7 @@ def ranks_of(fitness: Float[np.ndarray, " gaits"], need: Float[np.ndarray, " gai
 def _room(fitness: Float[np.ndarray, " gaits"], need: Float[np.ndarray, " gaits"]) -> np.ndarray:
     """(gaits,), crowding distance: gap between the neighbours in both, as shares of the range; infinite at the ends."""
     room = np.zeros(len(need))
-    if not np.isfinite(need).all():  # failed gaits, which rank last together
+    if not np.isfinite(need).all():  # failed gaits, or those below the least fitness, which have ranks of their own
         return room
     for values in (fitness, need):
         order = np.argsort(values)

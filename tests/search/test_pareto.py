@@ -89,6 +89,19 @@ def test_a_front_is_found_again_and_grows(problem, fronts):
     assert seen[-1].fitness.max() >= seen[0].fitness.max()
 
 
+def test_gaits_below_the_least_fitness_come_last(problem, fronts):
+    """So the front begins there; where none reaches it, it is empty, and the fastest are bred all the same."""
+    middle = float(np.median(fronts[0].fitness))
+    above = pareto_front(problem, CONFIG, least=middle, seed=1, options=OPTIONS)
+    assert len(above.need)
+    assert above.fitness.min() >= middle
+    assert ranked(np.array([0.1, 0.3, 0.2, 0.5]), np.array([np.inf, np.inf, np.inf, 9.0])).tolist() == [3, 1, 2, 0]
+    nothing = pareto_front(problem, CONFIG, least=1e3, seed=1, options=OPTIONS)
+    assert nothing.fitness.size == nothing.need.size == 0
+    with pytest.raises(InputError, match="least = nan: expected a number"):
+        pareto_front(problem, CONFIG, least=np.nan, options=OPTIONS)
+
+
 def test_a_front_needs_a_scale(problem):
     """A bound on what is compared."""
     with pytest.raises(InputError, match=r"bounds: none on the rate; expected ActuatorBounds\(rate=\.\.\.\)"):
