@@ -23,7 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
 
-from jaxgrity.cli.command_line import from_command_line
+from jaxgrity.cli.command_line import from_command_line, while_read
 from jaxgrity.core.compiled import keep_compiled
 from jaxgrity.core.errors import InputError
 
@@ -91,6 +91,7 @@ def join_hosts() -> None:
         jax.distributed.initialize()
 
 
+@while_read()
 def run(main: Callable[[Settings], None], settings: type[Settings], **how: Any) -> None:
     """Call `main` with `settings` from the command line, read as `from_command_line` is told, as `execute` does."""
     configure()
@@ -115,6 +116,8 @@ def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
                 others.enter_context(contextlib.redirect_stdout(others.enter_context(open(os.devnull, "w"))))
                 chosen.out = Path(others.enter_context(tempfile.TemporaryDirectory()))  # type: ignore[attr-defined]
             main(chosen)
+    except BrokenPipeError:
+        raise  # for `while_read`
     except (InputError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
