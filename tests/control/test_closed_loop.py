@@ -214,6 +214,21 @@ def test_the_clock_runs_as_its_law_says(scene, moment):
     np.testing.assert_allclose(found, [1 + told, 1 - told], atol=1e-9)
 
 
+def test_the_clock_of_a_small_robot_runs_like_that_of_a_large_one(scene, moment):
+    """A robot of a quarter of the size does the same in half of the time: swings, slow and fast, count alike."""
+    built = scene.structure
+    struts = replace(built.struts, rest_length=built.struts.rest_length / 4)
+    small = replace(scene, structure=replace(built, struts=struts))
+    for factor in (1.0, 100.0):  # the fast ones are limited
+        seen = moment._replace(spins=factor * moment.spins)
+        faster = seen._replace(spins=2 * seen.spins)
+        own = clock_rate(control.sure_footed(scene.gait), seen, 0.37)
+        assert clock_rate(control.sure_footed(scene.gait, scene), seen, 0.37) == own
+        gait = replace(scene.gait, frequency=2 * scene.gait.frequency)
+        assert clock_rate(control.sure_footed(gait, small), faster, 0.185) == pytest.approx(own, rel=1e-12)
+        assert 0 < own < 2
+
+
 def test_the_clock_does_not_ask_on_which_face_the_robot_lies(scene, moment):
     """Under every symmetry of the structure the image of the gait, on the robot's image, has the same clock."""
     i, j = np.array(scene.structure.struts.edges).T
