@@ -72,6 +72,15 @@ def configure() -> None:
     keep_compiled()
 
 
+def check_folder(out: Path) -> None:
+    """Raise `InputError` for results in a file's place, or where none can be written, before they are computed."""
+    there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+    if not there.is_dir():
+        raise InputError(f"--out {out}: {there} is a file; expected a folder, which is made where there is none")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"--out {out}: nothing can be written to {there}; expected another folder")
+
+
 def join_hosts() -> None:
     """Make one machine of all processes started with this script by SLURM, or with JAX_COORDINATOR_ADDRESS.
 
@@ -111,6 +120,8 @@ def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
         jax.config.update("jax_num_cpu_devices", cores())
     try:
         join_hosts()
+        if hasattr(chosen, "out"):
+            check_folder(Path(chosen.out))
         with contextlib.ExitStack() as others:
             if jax.process_index() > 0:
                 others.enter_context(contextlib.redirect_stdout(others.enter_context(open(os.devnull, "w"))))

@@ -322,6 +322,17 @@ def test_bad_input_is_one_line(jaxgrity, tmp_path, monkeypatch, arguments, words
     assert not Path("out").exists()
 
 
+@pytest.mark.parametrize("command", [("simulate", "exact"), ("catalogue",), ("search",)])
+@pytest.mark.parametrize("out", ["taken", "taken/deeper"])
+def test_a_file_in_the_place_of_the_folder_of_results_is_refused(jaxgrity, tmp_path, command, out):
+    """Before anything is computed for it."""
+    (tmp_path / "taken").write_text("mine")
+    done = jaxgrity(*command, "--out", tmp_path / out)
+    assert (done.code, done.out) == (2, f"{command[0]}: loading JAX ...\n")
+    assert done.errors.startswith(f"error: --out {tmp_path / out}: {tmp_path / 'taken'} is a file; expected a folder")
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
 def test_a_search_says_what_it_replaces(tmp_path):
     """Pictures of a report too; nothing where it goes on with what is there, or is refused."""
     settings = SearchSettings(out=tmp_path)
