@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import Gait, InputError
+from jaxgrity import Gait, InputError, random_phases
 from jaxgrity.model.actuation import Overtone, contraction, peak_rates, ramp_rates
 
 
@@ -83,3 +83,12 @@ def test_a_ramp_of_no_time_is_refused():
     """It would divide by zero before the gait begins."""
     with pytest.raises(InputError, match=r"^gait.ramp = 0 s: expected a positive number"):
         Gait((0,), [0.0], [0.1], [1.0], ramp=0.0)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "name"), [((-3, 6, 0), "gaits = -3"), ((2, "6", 0), "actuators = '6'"), ((2, 6, -1), "seed = -1")]
+)
+def test_random_phases_need_whole_numbers(numbers, name):
+    """In the words of all other numbers."""
+    with pytest.raises(InputError, match=f"{name}: expected a whole number, at least 0"):
+        random_phases(*numbers)
