@@ -13,6 +13,7 @@ from jaxgrity.cli.progress import Bars
 from jaxgrity.cli.scenes import chosen_scene, scene_name
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.core.display import finite_or, significant, with_error
+from jaxgrity.core.errors import InputError
 from jaxgrity.formats.trajectories import save_trajectory
 from jaxgrity.io.files import load_phases, save_json
 from jaxgrity.model.actuation import Gait
@@ -41,6 +42,9 @@ def main(settings: SimulateSettings) -> None:
     """Roll out, and write summary.json, figures and the trajectory."""
     scene, gaits = chosen_scene(settings.scene, settings.gait), None
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
+    if settings.gaits is not None and settings.animation != "none":
+        found = f"--animation {settings.animation}: --gaits makes a simulation of each row"
+        raise InputError(f"{found}; expected --animation with a single one, or none")
     if settings.gaits is not None:
         gaits = gaits_of(scene.gait, load_phases(settings.gaits, len(scene.gait.members) if scene.gait else 0))
     elif settings.animation != "none":

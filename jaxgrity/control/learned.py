@@ -170,7 +170,7 @@ class Deployed(Policy):
     """
 
     environment: Environment = eqx.field(static=True)
-    """of the task that was learned; the plant may have other ground, contact, sensors and motors"""
+    """of the task that was learned; the plant may have other ground, contact, sensors, motors and control periods"""
     policy: Acting
     """a `Learned`, or any function in JAX from an observation to an action"""
     heading: AnyArray | None = eqx.field(converter=as_float_or_none, default=None)

@@ -172,6 +172,9 @@ def test_simulate_one_rollout(jaxgrity, tmp_path):
         ("simulate", "reference", "--method", "euler"),
         ("simulate", "reference", "--animation", "gif", "--fps", 0),
         ("simulate", "reference", "--gaits", "short.csv"),
+        ("simulate", "reference", "--gaits", "short.csv", "--animation", "gif"),
+        ("train", "speed", "--episodes", 1),
+        ("train", "speed", "--updates", -1),
         ("diagnose", "reference", "--method", "verlet"),
         ("validate", "still.toml", "--data", "run.csv", "--method", "euler"),
         ("search", "--scene", "still.toml"),
@@ -443,7 +446,11 @@ def test_processes_that_work_as_one_say_how_many_they_are(monkeypatch):
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [(("moon",), "scene 'moon': unknown"), (("exact", "--duration", 0), "duration = 0: expected a positive number")],
+    [
+        (("moon",), "scene 'moon': unknown"),
+        (("exact", "--duration", 0), "duration = 0 s: expected a positive number"),
+        (("exact", "--duration", "inf"), "duration = inf s: expected a positive number"),
+    ],
 )
 def test_explore_refuses_bad_input_before_it_serves(jaxgrity, arguments, said):
     """In one line; nothing answers."""
