@@ -73,9 +73,8 @@ class Gait(eqx.Module):
             worst = self.amplitude.min() if np.any(self.amplitude < 0) else self.amplitude.max()
             raise InputError(f"gait.amplitude = {worst}: expected 0 to less than 1; at 1 a rest length reaches zero")
         check_each("gait.frequency", self.frequency, least=0.0, unit="Hz")
-        for k in self.members:
-            if not (is_count(k, 0) or is_count(-k, 0)):
-                raise InputError(f"gait.members = {list(self.members)}: expected whole numbers")
+        if np.ndim(self.members) != 1 or not all(is_count(k, -(2**31)) for k in self.members):
+            raise InputError(f"gait.members = {np.ravel(self.members).tolist()}: expected whole numbers")
         check_each("gait.start", self.start, shape=())
         check_all_finite(self, "gait")
 

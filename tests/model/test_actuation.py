@@ -92,3 +92,10 @@ def test_random_phases_need_whole_numbers(numbers, name):
     """In the words of all other numbers."""
     with pytest.raises(InputError, match=f"{name}: expected a whole number, at least 0"):
         random_phases(*numbers)
+
+
+@pytest.mark.parametrize("members", [0, ("0",), (0.5,), (True,), ((0, 1),)])
+def test_the_members_of_a_gait_are_whole_numbers(members):
+    """One number alone is no list of them."""
+    with pytest.raises(InputError, match=r"gait\.members = .*: expected whole numbers"):
+        Gait(members, [0.0], [0.3], [1.0])
