@@ -41,9 +41,7 @@ def test_a_start_of_another_shape_is_refused(falling, name, shape):
 
 def test_a_motion_that_fits_no_memory_is_refused():
     """Such as one of a million million seconds."""
-    with pytest.raises(
-        InputError, match=r"duration = 1e\+12 s: 1e\+14 frames at 100 a second; expected at most 1e\+07"
-    ):
+    with pytest.raises(InputError, match=r"duration = 1e\+12 s: 1e\+14 frames at 100 a second; expected at most"):
         frame_times(1e12, 100.0)
 
 
