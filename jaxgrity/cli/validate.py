@@ -87,6 +87,8 @@ def recorded_parts(scene: Scene, settings: ValidateSettings) -> tuple[dict[str, 
 
     With parameters to identify, one recording is cut in halves, and of several the last one is held out.
     """
+    if not settings.data:
+        raise InputError("--data: names no recording; expected at least one file (CSV)")
     parts: dict[str, Recording] = {}
     alike = len({path.name for path in settings.data}) < len(settings.data)
     for path in settings.data:
