@@ -4,12 +4,11 @@
 """
 
 import sys
-from importlib import import_module
+from importlib import import_module, metadata
 from typing import Annotated, get_args
 
 from tyro.conf import subcommand
 
-import jaxgrity
 from jaxgrity.cli import settings
 from jaxgrity.cli.command_line import from_command_line, while_read
 from jaxgrity.cli.search_settings import SearchSettings
@@ -45,7 +44,7 @@ def main() -> None:
     """The entry point of the command `jaxgrity`."""
     first = sys.argv[1] if len(sys.argv) > 1 else ""
     if first == "--version":
-        print(f"jaxgrity {jaxgrity.__version__}")
+        print(f"jaxgrity {metadata.version('jaxgrity')}")
         return
     # tyro proposes options that are spelt nearly so, but not commands
     if first[:1].isalpha() and first not in COMMANDS:

@@ -120,8 +120,8 @@ def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
         jax.config.update("jax_num_cpu_devices", cores())
     try:
         join_hosts()
-        if hasattr(chosen, "out"):
-            check_folder(Path(chosen.out))
+        if isinstance(out := getattr(chosen, "out", None), Path):
+            check_folder(out)
         with contextlib.ExitStack() as others:
             if jax.process_index() > 0:
                 others.enter_context(contextlib.redirect_stdout(others.enter_context(open(os.devnull, "w"))))

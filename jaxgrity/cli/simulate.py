@@ -40,7 +40,8 @@ LEFT = (
 
 def main(settings: SimulateSettings) -> None:
     """Roll out, and write summary.json, figures and the trajectory."""
-    scene, gaits = chosen_scene(settings.scene, settings.gait), None
+    scene = chosen_scene(settings.scene, settings.gait)
+    gaits: Gait | None = None
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
     if settings.gaits is not None and settings.animation != "none":
         found = f"--animation {settings.animation}: --gaits makes a simulation of each row"
