@@ -3,6 +3,7 @@
 import dataclasses
 
 import jax
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -162,6 +163,7 @@ def test_what_cannot_be_searched_is_refused(exact, config, message):
 )
 def test_a_setting_of_another_kind_is_refused(wrong, message):
     """Where it is made; a member of another name would stand for cables, and another symmetry for every wave."""
+    jaxtyping.config.update("jaxtyping_disable", True)  # which users do not have; of this test alone
     with pytest.raises(InputError, match=message):
         SearchConfig(**wrong)
 
