@@ -3,11 +3,30 @@
 import contextlib
 import io
 import itertools
+import os
 import re
 import sys
+from collections.abc import Iterator
 from typing import Any
 
 import tyro
+
+UNREAD = 141
+"""Exit code where nobody reads what is printed any more, as after `| head`: 128 + SIGPIPE, as of other programs."""
+
+
+@contextlib.contextmanager
+def while_read() -> Iterator[None]:
+    """End the process silently, with exit code `UNREAD`, if what it prints is read no more."""
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        # Python flushes once more at its end, and would complain there
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(UNREAD)
 
 
 def from_command_line(settings: Any, **how: Any) -> Any:

@@ -6,15 +6,16 @@ from jaxgrity.cli.simulate import diagnosed
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 from jaxgrity.statics.describe import describe
-from jaxgrity.stepping.options import SolverOptions
+from jaxgrity.stepping.options import SolverOptions, resolve
 
 
 def main(settings: DiagnoseSettings) -> None:
     """Print the report on trust, and write it as JSON with a figure."""
     scene = chosen_scene(settings.scene, settings.gait)
-    print(describe(scene), end="\n\n", flush=True)
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
     options = SolverOptions(method=settings.method, dt=settings.dt, dtype=settings.dtype)
+    resolve(scene, duration, options)  # refuses before anything is said
+    print(describe(scene), end="\n\n", flush=True)
     trust = diagnosed(scene, duration, options)
     step = "steps of its own choice" if trust.trajectory.dt is None else f"dt = {trust.trajectory.dt:g} s"
     print(f"{trust.trajectory.method}, {step}\n{trust.table()}")

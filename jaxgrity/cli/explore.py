@@ -7,6 +7,7 @@ import webbrowser
 from collections.abc import Iterator
 
 from jaxgrity.cli.settings import ExploreSettings
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.explorer.page import Page
 from jaxgrity.explorer.server import LOOPBACK, guarded_server, silent
@@ -18,8 +19,7 @@ def main(settings: ExploreSettings) -> None:
     """Serve the page until Ctrl-C."""
     if not view.available():
         raise InputError("the explorer needs viser, which is not installed; expected: pip install 'jaxgrity[view]'")
-    if not settings.duration > 0:
-        raise InputError(f"duration = {settings.duration:g}: expected a positive number of seconds")
+    check_number("duration", settings.duration, above=0.0, unit="s")
     check_address(settings.host, settings.port)
     load_scene(settings.scene)
     if settings.host not in LOOPBACK:

@@ -1,13 +1,16 @@
-"""Simulate tensegrity robots, and search for the gaits that make them roll."""
+"""Simulate tensegrity robots, and search for the gaits that make them roll.
+
+--version prints the version.
+"""
 
 import sys
-from importlib import import_module
+from importlib import import_module, metadata
 from typing import Annotated, get_args
 
 from tyro.conf import subcommand
 
 from jaxgrity.cli import settings
-from jaxgrity.cli.command_line import from_command_line
+from jaxgrity.cli.command_line import from_command_line, while_read
 from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.core.errors import unknown
 
@@ -36,9 +39,13 @@ COMMANDS = [command_of(get_args(each)[0]) for each in get_args(Chosen)]
 """The first words that the command line accepts."""
 
 
+@while_read()
 def main() -> None:
     """The entry point of the command `jaxgrity`."""
     first = sys.argv[1] if len(sys.argv) > 1 else ""
+    if first == "--version":
+        print(f"jaxgrity {metadata.version('jaxgrity')}")
+        return
     # tyro proposes options that are spelt nearly so, but not commands
     if first[:1].isalpha() and first not in COMMANDS:
         expected = f"expected one of {', '.join(COMMANDS)}"

@@ -1,5 +1,6 @@
 """The progress of a command: a bar for each stage; its clock runs on while programs compile."""
 
+import contextlib
 import sys
 import threading
 from typing import TYPE_CHECKING
@@ -47,8 +48,9 @@ class Bars:
 
     def tick(self) -> None:
         """Show the time during compilation and judgements."""
-        while not self.over.wait(TICK):
-            self.bar.refresh()
+        with contextlib.suppress(BrokenPipeError):  # which the command meets too when it prints next
+            while not self.over.wait(TICK):
+                self.bar.refresh()
 
     def hear(self, progress: "Progress") -> None:
         """Show the progress of a search."""

@@ -23,7 +23,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
 
-from jaxgrity.cli.command_line import from_command_line
+from jaxgrity.cli.command_line import from_command_line, while_read
 from jaxgrity.core.compiled import keep_compiled
 from jaxgrity.core.errors import InputError
 
@@ -75,6 +75,15 @@ def configure() -> None:
     keep_compiled()
 
 
+def check_folder(out: Path) -> None:
+    """Raise `InputError` for results in a file's place, or where none can be written, before they are computed."""
+    there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+    if not there.is_dir():
+        raise InputError(f"--out {out}: {there} is a file; expected a folder, which is made where there is none")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"--out {out}: nothing can be written to {there}; expected another folder")
+
+
 def join_hosts() -> None:
     """Make one machine of all processes started with this script by SLURM, or with JAX_COORDINATOR_ADDRESS.
 
@@ -94,6 +103,7 @@ def join_hosts() -> None:
         jax.distributed.initialize()
 
 
+@while_read()
 def run(main: Callable[[Settings], None], settings: type[Settings], **how: Any) -> None:
     """Call `main` with `settings` from the command line, read as `from_command_line` is told, as `execute` does."""
     configure()
@@ -113,11 +123,15 @@ def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
         jax.config.update("jax_num_cpu_devices", cores())
     try:
         join_hosts()
+        if isinstance(out := getattr(chosen, "out", None), Path):
+            check_folder(out)
         with contextlib.ExitStack() as others:
             if jax.process_index() > 0:
                 others.enter_context(contextlib.redirect_stdout(others.enter_context(open(os.devnull, "w"))))
                 chosen.out = Path(others.enter_context(tempfile.TemporaryDirectory()))  # type: ignore[attr-defined]
             main(chosen)
+    except BrokenPipeError:
+        raise  # for `while_read`
     except (InputError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

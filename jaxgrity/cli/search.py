@@ -18,7 +18,7 @@ from jaxgrity.report.gait_report import FILES, Origin, write_report
 from jaxgrity.report.gait_rows import late_words
 from jaxgrity.search.checkpoint import holds_unfinished, left_over
 from jaxgrity.search.objectives import ActuatorBounds, Objective, find_objective
-from jaxgrity.search.pipeline import SearchResult, search_gaits
+from jaxgrity.search.pipeline import Progress, SearchResult, search_gaits
 from jaxgrity.search.polish_config import PolishConfig
 from jaxgrity.search.search_config import SearchConfig
 from jaxgrity.statics.describe import describe
@@ -66,15 +66,19 @@ def main(settings: SearchSettings) -> None:
         settings.polish_gaits, settings.polish_rollouts = 1, min(settings.polish_rollouts, 256)
     scene, config = load_scene(settings.scene), config_of(settings)
     polished = "polished by gradients, and " if config.polish is not None else ""
-    print(
+    said = (
         f"Searching for a gait of {scene_name(settings.scene)}: gaits evolve on a rough model, and finer models test "
         f"the best.\nThe winner is {polished}verified. Compiling takes a minute the first time.\n"
-        f"Results go to {settings.out}/. After Ctrl-C, the same command with --resume continues.\n"
+        f"Results go to {settings.out}/. After Ctrl-C, the same command with --resume continues.\n\n"
+        f"{replaced_words(settings)}{standstill_words(scene, config)}"
     )
-    print(replaced_words(settings) + standstill_words(scene, config), end="")
-    print(describe(scene), end="\n\n", flush=True)
     found: dict[str, str] = {}
     with Bars() as bars:
+
+        def hear(progress: Progress) -> None:
+            if not bars.stage:  # the search has refused what it would
+                print(f"{said}{describe(scene)}", end="\n\n", flush=True)
+            bars.hear(progress)
 
         def report(result: SearchResult) -> None:
             name, command = scene_name(settings.scene), command_header()["command"]
@@ -87,7 +91,7 @@ def main(settings: SearchSettings) -> None:
             folder=settings.out,
             resume=settings.resume,
             restart=settings.restart,
-            on_progress=bars.hear,
+            on_progress=hear,
             report=report,
         )
     print("\n" + "\n".join(f"{name}: {text}" for name, text in found.items()))

@@ -13,16 +13,18 @@ from jaxgrity.cli.progress import Bars
 from jaxgrity.cli.scenes import chosen_scene, scene_name
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.core.display import finite_or, significant, with_error
+from jaxgrity.core.errors import InputError
 from jaxgrity.formats.trajectories import save_trajectory
 from jaxgrity.io.files import load_phases, save_json
+from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.orbits.motion_report import MotionReport, motion_report
 from jaxgrity.populations.population import gaits_of, one_gait, simulate_population
 from jaxgrity.report import plot, view
-from jaxgrity.report.animation import animate
+from jaxgrity.report.animation import animate, check_film
 from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.discretisation import FAILURES
-from jaxgrity.stepping.options import SolverOptions
+from jaxgrity.stepping.options import SolverOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.error_bars import verify
 from jaxgrity.trust.trust_report import UNKNOWN_BAR, TrustReport, diagnose
@@ -39,13 +41,19 @@ LEFT = (
 def main(settings: SimulateSettings) -> None:
     """Roll out, and write summary.json, figures and the trajectory."""
     scene = chosen_scene(settings.scene, settings.gait)
-    print(describe(scene), flush=True)
+    gaits: Gait | None = None
     duration = min(settings.duration, 2.0) if settings.quick else settings.duration
-    if settings.gaits is None:
-        summary = single(scene, duration, settings)
-    else:
-        phases = load_phases(settings.gaits, len(scene.gait.members) if scene.gait else 0)
-        summary = several(scene, phases, duration, settings)
+    if settings.gaits is not None and settings.animation != "none":
+        found = f"--animation {settings.animation}: --gaits makes a simulation of each row"
+        raise InputError(f"{found}; expected --animation with a single one, or none")
+    if settings.gaits is not None:
+        gaits = gaits_of(scene.gait, load_phases(settings.gaits, len(scene.gait.members) if scene.gait else 0))
+    elif settings.animation != "none":
+        check_film(film_of(settings), settings.fps, settings.width, settings.camera)
+    # what cannot be rolled out is refused before anything is said
+    resolve(scene if gaits is None else with_gait(scene, one_gait(gaits, 0)), duration, options_of(settings))
+    print(describe(scene), flush=True)
+    summary = single(scene, duration, settings) if gaits is None else several(scene, gaits, duration, settings)
     save_json(settings.out / "summary.json", {"scene": scene_name(settings.scene), **summary})
     print(f"wrote {settings.out}/summary.json")
 
@@ -53,6 +61,11 @@ def main(settings: SimulateSettings) -> None:
 def options_of(settings: SimulateSettings) -> SolverOptions:
     """The solver options of the settings."""
     return SolverOptions(method=settings.method, dt=settings.dt, dtype=settings.dtype, any_step=settings.any_step)
+
+
+def film_of(settings: SimulateSettings) -> Path:
+    """The file of the animated picture."""
+    return settings.out / f"animation.{settings.animation}"
 
 
 def forget_earlier(folder: Path) -> None:
@@ -154,7 +167,7 @@ def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSetti
         plot.drawn("members.png", lambda: plot.save(plot.member_figure(scene, trajectory), out / "members.png"))
         plot.drawn("forces.png", lambda: plot.save(plot.force_figure(scene, trajectory), out / "forces.png"))
     if settings.animation != "none":
-        film = out / f"animation.{settings.animation}"
+        film = film_of(settings)
         width, camera = settings.width, settings.camera
         plot.drawn(film.name, lambda: animate(scene, trajectory, film, settings.fps, width=width, camera=camera))
     title = scene_name(settings.scene)
@@ -162,10 +175,9 @@ def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSetti
     return settings.replay and bool(plot.drawn("replay.html", keep))
 
 
-def several(scene: Scene, phases: np.ndarray, duration: float, settings: SimulateSettings) -> dict[str, Any]:
-    """One rollout for each row of phases, all in one call; the report on trust is of the gait with the largest
-    distance."""
-    options, gaits = options_of(settings), gaits_of(scene.gait, phases)
+def several(scene: Scene, gaits: Gait, duration: float, settings: SimulateSettings) -> dict[str, Any]:
+    """One rollout for each gait, all in one call; the report on trust is of the gait with the largest distance."""
+    options = options_of(settings)
     with Bars() as bars:
         roll = lambda: simulate_population(scene, gaits, duration, options=options)  # noqa: E731
         outcomes, wall, compilation = timed(roll, bars)
@@ -178,7 +190,7 @@ def several(scene: Scene, phases: np.ndarray, duration: float, settings: Simulat
         first = int(np.nanargmax(distance))
         best = f"; furthest: row {first + 1}, {significant(float(distance[first]), 4)} m"
     print(
-        f"{len(phases)} gaits, {int(failed.sum())} failed: {duration:g} s each, "
+        f"{len(gaits.phase)} gaits, {int(failed.sum())} failed: {duration:g} s each, "
         f"{wall:.3f} s of wall time ({compilation:.1f} s to compile){best}"
     )
     verified = trust = None

@@ -16,6 +16,7 @@ from jaxgrity.cli.settings import TrainSettings
 from jaxgrity.control import environment, episode, learn, learner, save_policy, trials
 from jaxgrity.control.environments import Environment
 from jaxgrity.control.ppo import Learner, LearningConfig
+from jaxgrity.core.arguments import check_count
 from jaxgrity.core.display import with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_text, save_json, write_whole
@@ -31,6 +32,8 @@ QUICK = LearningConfig(robots=16, decisions=4, batches=1)
 
 def main(settings: TrainSettings) -> None:
     """Learn, save at intervals, judge on new episodes of this contact model, and write the results."""
+    check_count("updates", settings.updates, 0)
+    check_count("episodes", settings.episodes, 2)  # whose spread is the error of their mean
     out, curve = settings.out, earlier_curve(settings)
     scene = chosen_scene(settings.scene, settings.gait)
     options = SolverOptions(dt=settings.dt, dtype="float32")

@@ -41,13 +41,17 @@ def main(settings: ValidateSettings) -> None:
     parts, fitted = recorded_parts(scene, settings)
     options = SolverOptions(method=settings.method, dt=settings.dt)
     windows, noise = settings.windows, settings.noise
-    motions = [recorded_motion(scene, parts[name], noise, windows=windows, options=options) for name in fitted]
+    # made of all parts, since they refuse what cannot be simulated before anything is said
+    cut = {name: windows if name in fitted else 1 for name in parts}
+    motions = {
+        name: recorded_motion(scene, part, noise, windows=cut[name], options=options) for name, part in parts.items()
+    }
     print(describe(scene), flush=True)
     found = None
     compared = {name: {BEFORE: beside_simulation(scene, part, options=options)} for name, part in parts.items()}
     if parameters:
         print(f"\nfitting {', '.join(settings.identify)} to {' and '.join(fitted)} ...", flush=True)
-        found = identify(scene, parameters, motions, twin=not settings.quick)
+        found = identify(scene, parameters, [motions[name] for name in fitted], twin=not settings.quick)
         for name, part in parts.items():
             compared[name][AFTER] = beside_simulation(found.scene, part, options=options)
     size = float(length_scale(scene))
@@ -83,6 +87,8 @@ def recorded_parts(scene: Scene, settings: ValidateSettings) -> tuple[dict[str, 
 
     With parameters to identify, one recording is cut in halves, and of several the last one is held out.
     """
+    if not settings.data:
+        raise InputError("--data: names no recording; expected at least one file (CSV)")
     parts: dict[str, Recording] = {}
     alike = len({path.name for path in settings.data}) < len(settings.data)
     for path in settings.data:

@@ -23,7 +23,7 @@ from jaxgrity.control.plant import (
     plant_start,
     whole_number,
 )
-from jaxgrity.control.sensors import Observation, Sensors
+from jaxgrity.control.sensors import Observation, Sensors, moving
 from jaxgrity.control.tasks import Task, drawn_aim, find_task, ground_of, task_start
 from jaxgrity.core.arguments import check_key, check_number
 from jaxgrity.core.elementwise import rows_where
@@ -132,7 +132,7 @@ class Environment:
         after = actuate(self.plant, old, self.commanded(jnp.asarray(action, self.plant.options.dtype)))
         before, place = (centre_of_mass(self.plant.scene, s.motion[0]) for s in (old, after))
         progress, average = self.task.progressed(aim, before, place, self.plant.period, remembered)
-        effort = jnp.mean(((after.contraction - old.contraction) / self.plant.period) ** 2)
+        effort = self._effort(after.contraction - old.contraction)
         seen, after = observe(self.plant, after)
         obs = sensed(seen, self.task.wanted_direction(aim, seen.place))
         reward = progress - self.effort_cost * effort
@@ -159,6 +159,13 @@ class Environment:
             metrics=state.metrics | told | {name: which[name] for name in ("reached", "failed")},
             info=state.info | {"truncation": which["late"]},
         )
+
+    def _effort(self, change: AnyArray) -> AnyArray:
+        """The mean square rate of the contractions, 1/s^2, by their change in a control period; 0 of stuck members."""
+        works = moving(self.plant.scene.structure, self.plant.members)
+        if not works.all():
+            change = jnp.where(works, change, 0)
+        return jnp.mean((change / self.plant.period) ** 2)
 
     def commanded(self, action: AnyArray) -> AnyArray:
         """The contraction of each member that an action commands, (action_size,)."""
@@ -205,7 +212,7 @@ def environment(
         motors: their limits; by default 1 m/s, and contraction by half.
         options: solver options; by default the scene's.
         seconds: s, the length of an episode, a multiple of 0.01.
-        effort_cost: m s, the cost of effort over the mean square rate of the contractions.
+        effort_cost: m s, the cost of effort over the mean square rate of the contractions; a stuck member has none.
 
     Returns:
         The environment, whose `reset` and `step` are pure.

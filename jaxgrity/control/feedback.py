@@ -8,11 +8,13 @@ import numpy as np
 
 from jaxgrity.control.policies import Memory, Policy, check_gait
 from jaxgrity.control.sensors import Observation
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerActuator, Scalar, as_float
 from jaxgrity.model.actuation import Gait, check_robot, contraction
+from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 
 SLOWEST, FASTEST = 0.0, 2.0
@@ -28,7 +30,7 @@ SURE_AMPLITUDE, SURE_FREQUENCY = 1.11, 1.14
 """Gains of `sure_footed`, and factors on the amplitude and frequency of the gait "lasting": rounded from one search on
 bumps, which `python experiments/run.py tune` repeats and compares with these."""
 FASTEST_SWING = 3.0
-"""Largest rate du/dt that counts, 1/s. Faster ones count as this one."""
+"""Largest rate du/dt that counts, 1/s for a robot of one metre on Earth. Faster ones count as this one."""
 
 
 class PhaseLocked(Policy):
@@ -37,9 +39,10 @@ class PhaseLocked(Policy):
     dc/dt = 1 + sum_h (a_h C_h + b_h S_h + a'_h C'_h + b'_h S'_h), within `SLOWEST` and `FASTEST`, with
 
         C_h = sum_k u_k^2 cos(h theta_k),         S_h = sum_k u_k^2 sin(h theta_k),   h = 1, 2,
-        C'_h = sum_k u_k du_k/dt cos(h theta_k),  S'_h = sum_k u_k du_k/dt sin(h theta_k),
+        C'_h = sum_k u_k T du_k/dt cos(h theta_k),  S'_h = sum_k u_k T du_k/dt sin(h theta_k),
 
     where u_k is the vertical component of strut k's direction, and theta_k = 2 pi f_k c + phase_k its actuator's angle.
+    T is the robot's `time_scale`: robots that are alike but in size have the same gains.
     All these are invariant under a rotation that maps the gait on itself up to a shift of time: one law serves on every
     face. With gains of zero it is the open loop.
     """
@@ -48,7 +51,11 @@ class PhaseLocked(Policy):
     gains: AnyArray = eqx.field(converter=as_float, default=GAINS)
     """(2, 2): a_h and b_h in row h"""
     swings: AnyArray = eqx.field(converter=as_float, default=((0.0, 0.0), (0.0, 0.0)))
-    """(2, 2), s: a'_h and b'_h likewise; du_k/dt, from the struts' spins, counts up to `FASTEST_SWING`"""
+    """(2, 2), s for a robot of one metre on Earth: a'_h and b'_h likewise; T du_k/dt, from the struts' spins, counts up
+    to `FASTEST_SWING`"""
+    time_scale: float = eqx.field(static=True, default=1.0)
+    """T, of `jaxgrity.model.scales.time_scale(scene)`: how many times as long as for a robot of one metre on Earth what
+    the robot does takes"""
 
     @property
     def members(self) -> tuple[int, ...]:
@@ -56,6 +63,7 @@ class PhaseLocked(Policy):
 
     def __check_init__(self):
         check_gait(self.gait)
+        check_number("time_scale", self.time_scale, above=0.0)
         for name in ("gains", "swings"):
             own = getattr(self, name)
             if np.shape(own)[:2] != (2, 2):
@@ -80,7 +88,7 @@ class PhaseLocked(Policy):
         own = np.array(self.members)
         along, spin = observation.directions[own], observation.spins[own]
         upright = along[:, 2]
-        swing = spin[:, 0] * along[:, 1] - spin[:, 1] * along[:, 0]
+        swing = self.time_scale * (spin[:, 0] * along[:, 1] - spin[:, 1] * along[:, 0])
         angle = 2 * jnp.pi * self.gait.frequency * clock + self.gait.phase
         waves = jnp.stack([jnp.stack([jnp.cos(h * angle), jnp.sin(h * angle)]) for h in (1, 2)])
         told = jnp.sum(self.gains * (waves @ upright**2))
@@ -105,11 +113,12 @@ def one_frequency(gait: Gait) -> float:
 
 
 @typed
-def sure_footed(gait: Gait) -> PhaseLocked:
+def sure_footed(gait: Gait, scene: Scene | None = None) -> PhaseLocked:
     """Feedback for uneven ground: a slightly larger and faster gait; its clock depends on the struts' swing.
 
     Gains, and the factors of amplitude and frequency, were found for the library's gait "lasting" on bumps of 2 cm.
-    docs/control.md has the measured benefit there and on other ground.
+    docs/control.md has the measured benefit there and on other ground. Pass the `scene` of a robot that is much larger
+    or smaller than one metre, or under another gravity: swings then count by its `time_scale`.
 
     Raises `InputError` where a member would lose all of its length.
     """
@@ -119,4 +128,5 @@ def sure_footed(gait: Gait) -> PhaseLocked:
             f"gait.amplitude = {np.asarray(gait.amplitude).tolist()}: expected less than 0.9, to be enlarged"
         )
     faster = replace(gait, amplitude=larger, frequency=SURE_FREQUENCY * np.asarray(gait.frequency))
-    return PhaseLocked(faster, np.array(SURE_GAINS), np.array(SURE_SWINGS))
+    scale = 1.0 if scene is None else float(time_scale(scene))
+    return PhaseLocked(faster, np.array(SURE_GAINS), np.array(SURE_SWINGS), scale)

@@ -154,8 +154,9 @@ def trials(environment: Environment, policy: Acting, key: Any, episodes: int = 6
 class Deployed(Policy):
     """A learned policy as the controller of a plant, for `simulate_policy`, `roll_on` and `drive`.
 
-    The policy gets what an environment observes, with the direction that you want. Each action is held for as many
-    control periods as in learning, and commands contractions up to the `stroke` of the environment's motors.
+    The policy gets what an environment observes, with the direction that you want. Each action is held for as long as
+    in learning, to the nearest control period of the plant, and commands contractions up to the `stroke` of the
+    environment's motors.
 
     Raises `InputError` for a policy that does not fit the environment. A task with a direction needs `heading` or
     `goal`, and another task refuses both. The rollout refuses a plant whose sensors tell other numbers, before anything
@@ -169,7 +170,7 @@ class Deployed(Policy):
     """
 
     environment: Environment = eqx.field(static=True)
-    """of the task that was learned; the plant may have other ground, contact, sensors and motors"""
+    """of the task that was learned; the plant may have other ground, contact, sensors, motors and control periods"""
     policy: Acting
     """a `Learned`, or any function in JAX from an observation to an action"""
     heading: AnyArray | None = eqx.field(converter=as_float_or_none, default=None)
@@ -198,18 +199,19 @@ class Deployed(Policy):
         return self.environment.plant.members
 
     def first(self) -> Memory:
-        """The last action, and the number of control periods so far."""
-        return jnp.zeros(len(self.members)), jnp.zeros((), jnp.int32)
+        """The last action, the number of actions so far, and the time, s."""
+        return jnp.zeros(len(self.members)), jnp.zeros((), jnp.int32), jnp.zeros(())
 
     def __call__(self, observation: Observation, t: Scalar, memory: Memory) -> tuple[PerActuator, Memory]:
-        action, count = memory
+        action, count, begins = memory
         seen = sensed(observation, self._direction(observation.place))
         if len(seen) != self.environment.observation_size:
             expected = f"{self.environment.observation_size}, as in the policy's environment"
             raise InputError(f"plant: its sensors tell {len(seen)} numbers; expected {expected}")
-        due = count % getattr(self.policy, "held", 1) == 0
+        wanted = count * getattr(self.policy, "held", 1) * self.environment.plant.period
+        due = begins >= wanted - (t - begins) / 2
         action = jnp.where(due, self.policy(seen).astype(action.dtype), action)
-        return self.environment.commanded(action), (action, count + 1)
+        return self.environment.commanded(action), (action, count + due, t)
 
     def _direction(self, place: AnyArray) -> AnyArray:
         """d, (2,), as in an environment whose episode has drawn this heading or goal."""

@@ -116,16 +116,20 @@ def gap(discs: Discs, scene: Scene, q: np.ndarray) -> np.ndarray:
         raise InputError("the robot has neither members nor bodies; expected some, to be kept from discs")
     (i, j), thick, along_struts = np.array(edges).T, np.zeros(len(edges)), radii_along_struts(scene)
     thick[list(along_struts)] = list(along_struts.values())
-    a, along = q[..., i, :2], q[..., j, :2] - q[..., i, :2]
     least = np.full(q.shape[:-2], np.inf)
     for centre, radius in zip(discs.centres, discs.radii):
-        share = ((centre - a) * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
-        near = a + np.clip(share, 0, 1)[..., None] * along
-        least = np.minimum(least, (np.linalg.norm(near - centre, axis=-1) - thick).min(-1) - radius)
+        least = np.minimum(least, (_away_from_lines(centre, q[..., i, :2], q[..., j, :2]) - thick).min(-1) - radius)
         if balls is not None:
             away = np.linalg.norm(q[..., list(balls.nodes), :2] - centre, axis=-1) - np.asarray(balls.radius)
             least = np.minimum(least, away.min(-1) - radius)
     return np.asarray(least)
+
+
+def _away_from_lines(place: np.ndarray, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Distance (...,), m, of a place (2,) from the straight lines between two places (..., 2) each."""
+    along = ends - starts
+    share = ((place - starts) * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
+    return np.asarray(np.linalg.norm(starts + np.clip(share, 0, 1)[..., None] * along - place, axis=-1))
 
 
 class WayMap(NamedTuple):
@@ -143,6 +147,8 @@ class WayMap(NamedTuple):
     distance: np.ndarray
     """(points along x, points along y), m. Metres near an obstacle count up to `CLOSE` times. Infinite if no way leads
     to the goal"""
+    onward: np.ndarray
+    """(points along x, points along y), number of the next point on the way; negative where there is none"""
 
     def to_go(self, places: np.ndarray) -> np.ndarray:
         """Way (...,), m, from each of `places` (..., 2) to the goal, interpolated in `distance`.
@@ -164,15 +170,10 @@ class WayMap(NamedTuple):
             raise InputError(f"start = {np.asarray(start).tolist()}: expected a place (x, y), m")
         here = np.rint((np.asarray(start) - self.corner) / self.spacing).astype(int)
         here = np.clip(here, 0, np.array(self.distance.shape) - 1)
-        found = [np.asarray(start, float)]
-        steps = np.array([*GRID_STEPS, *(tuple(-k for k in step) for step in GRID_STEPS)])
-        while np.isfinite(self.distance[tuple(here)]) and self.distance[tuple(here)] > 0:
-            near = here + steps
-            near = near[((near >= 0) & (near < self.distance.shape)).all(1)]
-            reach = self.spacing * np.linalg.norm(near - here, axis=1)
-            gain = (self.distance[tuple(here)] - self.distance[tuple(near.T)]) / reach
-            here = near[int(np.argmax(gain))]
-            found.append(self.corner + self.spacing * here)
+        found, onward = [np.asarray(start, float)], int(self.onward[tuple(here)])
+        while onward >= 0:
+            found.append(self.corner + self.spacing * np.array(np.unravel_index(onward, self.distance.shape)))
+            onward = int(self.onward.flat[onward])
         return np.array(found)
 
 
@@ -245,23 +246,29 @@ def way_map(
     x, y = (low[k] + spacing * np.arange(shape[k]) for k in range(2))
     free = room(discs, np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)) - reach
     weight = np.where(free > 0, 1 + (CLOSE - 1) * np.clip(1 - free / comfort, 0, 1), np.inf)
-    number = np.arange(weight.size).reshape(shape)
     nearest = np.rint((np.asarray(goal) - low) / spacing).astype(int)
     if not np.isfinite(weight[tuple(nearest)]):
         near = float(free[tuple(nearest)]) + reach
         raise InputError(
             f"goal = {np.asarray(goal).tolist()}: {near:.2g} m from a disc; expected more than reach, {reach:g} m"
         )
-    distance = dijkstra(_links(number, weight, spacing), directed=False, indices=int(number[tuple(nearest)]))
-    return WayMap(discs, np.asarray(goal, float), low, spacing, reach, distance.reshape(shape))
+    wide = Discs(np.asarray(discs.centres) - low, np.asarray(discs.radii) + reach)
+    index = int(np.ravel_multi_index(tuple(nearest), shape))
+    found = dijkstra(_links(free, weight, spacing, wide), directed=False, indices=index, return_predecessors=True)
+    return WayMap(discs, np.asarray(goal, float), low, spacing, reach, *(each.reshape(shape) for each in found))
 
 
-def _links(number: np.ndarray, weight: np.ndarray, spacing: float) -> csr_matrix:
-    """The length of each step between points of the grid, m, by their numbers; each metre counts with its weight."""
-    ends, costs = [], []
+def _links(free: np.ndarray, weight: np.ndarray, spacing: float, wide: Discs) -> csr_matrix:
+    """The length of each step between points of the grid, m, by their numbers; each metre counts with its weight.
+    No step leads through the `wide` discs, with the reach about them. Points are `free` by so much, m."""
+    ends, costs, number = [], [], np.arange(weight.size).reshape(weight.shape)
     for step in GRID_STEPS:
-        a, b = _shifted(number, step)
-        cost = spacing * np.hypot(*step) * (weight.ravel()[a] + weight.ravel()[b]) / 2
+        (a, b), length = _shifted(number, step), spacing * np.hypot(*step)
+        cost = length * (weight.ravel()[a] + weight.ravel()[b]) / 2
+        near = np.flatnonzero(free.ravel()[a] < length)
+        lines = [spacing * np.stack(np.unravel_index(each[near], number.shape), axis=-1) for each in (a, b)]
+        for centre, radius in zip(wide.centres, wide.radii):
+            cost[near[_away_from_lines(centre, *lines) <= radius]] = np.inf
         ends.append(np.stack([a, b])[:, np.isfinite(cost)])
         costs.append(cost[np.isfinite(cost)])
     (a, b), cost = np.concatenate(ends, axis=1), np.concatenate(costs)
@@ -279,16 +286,10 @@ def _reach_for(robot: Scene | None, reach: float | None) -> float:
 
 def _check_discs(discs: Discs) -> None:
     """Raise `InputError` for other shapes, or radii that are not positive."""
-    count = np.size(discs.radii)
-    if (
-        np.shape(discs.centres) != (count, 2)
-        or np.shape(discs.radii) != (count,)
-        or np.any(np.asarray(discs.radii) <= 0)
-    ):
-        raise InputError(
-            f"discs: centres of shape {np.shape(discs.centres)}, radii {np.asarray(discs.radii).tolist()} m; expected "
-            "(discs, 2), and as many positive numbers"
-        )
+    count, shapes = np.size(discs.radii), (np.shape(discs.centres), np.shape(discs.radii))
+    if shapes != ((count, 2), (count,)) or np.any(np.asarray(discs.radii) <= 0):
+        found = f"discs: centres of shape {shapes[0]}, radii {np.asarray(discs.radii).tolist()} m"
+        raise InputError(f"{found}; expected (discs, 2), and as many positive numbers")
 
 
 def _shifted(number: np.ndarray, step: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

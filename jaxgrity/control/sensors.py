@@ -132,11 +132,15 @@ def measure(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> Observat
 
 def _shortened(scene: Scene, gait: Actuation, t: Scalar) -> AnyArray:
     """(actuators,), fraction by which each member of the gait is shortened; 0 of those that are stuck."""
-    structure, found = scene.structure, contraction(gait, t)
-    kinds = ((structure.struts, 0), (structure.cables, structure.first_cable))
-    stuck = {first + k for members, first in kinds if members is not None for k in members.stuck}
-    works = np.array([k not in stuck for k in gait.members])
+    found, works = contraction(gait, t), moving(scene.structure, gait.members)
     return found if works.all() else found * works.astype(found.dtype)
+
+
+def moving(structure: Structure, members: tuple[int, ...]) -> np.ndarray:
+    """(actuators,), whether each of the actuated members moves: those that are stuck do not."""
+    kinds = ((structure.struts, 0), (structure.cables, structure.first_cable))
+    stuck = {first + k for each, first in kinds if each is not None for k in each.stuck}
+    return np.array([k not in stuck for k in members])
 
 
 def turning_pairs(structure: Structure) -> Edges:

@@ -106,6 +106,9 @@ def find_task(task: str | Task, scene: Scene) -> Task:
     if isinstance(task, Task):
         if task.towards not in TOWARDS:
             raise InputError(f"task.towards = {task.towards!r}: expected one of {', '.join(TOWARDS)}")
+        check_number("task.incline", task.incline, least=-np.pi / 2, most=np.pi / 2, unit="rad")
+        if not isinstance(task.fallen, bool | np.bool_):
+            raise InputError(f"task.fallen = {task.fallen!r}: expected True or False")
         check_number("task.averaged", task.averaged, above=0.0, unit="s")
         for name in ("bumps", "distance"):
             check_number(f"task.{name}", getattr(task, name), least=0.0, unit="m")

@@ -82,6 +82,7 @@ def load_scene(scene: str | Path) -> Scene:
     return parse_scene(scene_text(scene), str(scene))
 
 
+@typed
 def parse_scene(text: str, name: str = "scene") -> Scene:
     """The scene of a scene file's text; `name` stands for the file in errors, as for `load_scene`."""
     if DEEP_KEY.search(text):

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import check_all_finite, check_each, is_count
+from jaxgrity.core.arguments import check_all_finite, check_count, check_each, is_count
 from jaxgrity.core.display import of_report
 from jaxgrity.core.elementwise import derived_as
 from jaxgrity.core.errors import InputError
@@ -73,9 +73,8 @@ class Gait(eqx.Module):
             worst = self.amplitude.min() if np.any(self.amplitude < 0) else self.amplitude.max()
             raise InputError(f"gait.amplitude = {worst}: expected 0 to less than 1; at 1 a rest length reaches zero")
         check_each("gait.frequency", self.frequency, least=0.0, unit="Hz")
-        for k in self.members:
-            if not (is_count(k, 0) or is_count(-k, 0)):
-                raise InputError(f"gait.members = {list(self.members)}: expected whole numbers")
+        if np.ndim(self.members) != 1 or not all(is_count(k, -(2**31)) for k in self.members):
+            raise InputError(f"gait.members = {np.ravel(self.members).tolist()}: expected whole numbers")
         check_each("gait.start", self.start, shape=())
         check_all_finite(self, "gait")
 
@@ -126,7 +125,8 @@ def random_members(candidates: range, fraction: float, seed: int) -> tuple[int, 
 
 def random_phases(gaits: int, actuators: int, seed: int) -> np.ndarray:
     """(gaits, actuators), random phases, uniform between 0 and 2 pi, rad."""
-    return np.random.default_rng(seed).uniform(0, 2 * np.pi, (gaits, actuators))
+    shape = check_count("gaits", gaits, 0), check_count("actuators", actuators, 0)
+    return np.random.default_rng(check_count("seed", seed, 0)).uniform(0, 2 * np.pi, shape)
 
 
 def contraction(gait: Actuation, t: Scalar) -> PerActuator:
@@ -190,8 +190,7 @@ def waves_ahead(gait: Gait, angle: AnyArray) -> Gait:
 @typed
 def rest_length(members: Members, gait: Actuation | None, t: Scalar, first: int) -> PerMember:
     """L(t) of the struts or of the cables, m; `first` is the number of the first of them in a gait."""
-    count = len(members.edges)
-    own = members.rest_length
+    count, own = len(members.edges), members.rest_length
     for motor in members.motors:
         change = jnp.asarray(wound(motor, take_rows(members.rest_length, (motor.member,))[0], t))
         own = own + place_rows(change[None], (motor.member,), count)

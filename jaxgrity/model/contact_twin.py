@@ -35,7 +35,8 @@ def exact_twin(scene: Scene) -> Scene:
     its kinetic friction. If struts start strained, the rigid struts have their lengths at the start. A start below the
     ground is lifted until it touches. Struts that touch between their ends do so at one point each.
 
-    Raises `InputError` if struts move at t = 0, since each gait then needs its own start.
+    Raises `InputError` if struts move at t = 0, since each gait then needs its own start. Raises it also for supports
+    that would have to be lifted.
     """
     _check_starts_still(scene)
     structure, struts = scene.structure, scene.structure.struts
@@ -55,6 +56,7 @@ def exact_twin(scene: Scene) -> Scene:
     twin = dataclasses.replace(scene, structure=structure, ground=ground, friction=friction, terms=terms)
     twin = _touching_along_struts(twin, radii_along_struts(scene), 1)
     nodes = lifted(twin, structure.nodes, LARGEST_GAP * size)
+    _check_supports_stay(scene, np.asarray(nodes, float))
     twin = dataclasses.replace(twin, structure=dataclasses.replace(structure, nodes=nodes))
     return touching_like(twin, scene)
 
@@ -116,6 +118,13 @@ def _check_starts_still(scene: Scene) -> None:
             f"gait.start = {float(gait.start):g}: struts move at t = 0, so rigid struts cannot start from the "
             "same pose in every gait; expected 0 or later"
         )
+
+
+def _check_supports_stay(scene: Scene, nodes: np.ndarray) -> None:
+    up = nodes - np.asarray(scene.structure.nodes, float)
+    if np.any(up[scene.structure.supported]):
+        found = f"structure.fixed: the start is {np.linalg.norm(up[0]):.3g} m in the ground"
+        raise InputError(f"{found}, and supports cannot be lifted; expected a start that is not below it")
 
 
 def _touching_along_struts(scene: Scene, radii: dict[int, float], count: int) -> Scene:

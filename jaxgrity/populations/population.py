@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
-from jaxgrity.core.arguments import check_count, check_number
+from jaxgrity.core.arguments import check_count, check_index, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.functions import hold_functions
 from jaxgrity.core.remembered import remembered
@@ -95,7 +95,11 @@ def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, f
 
 @typed
 def one_gait(gaits: Gait, k: int) -> Gait:
-    """Gait number `k` of a population."""
+    """Gait number `k` of a population, from 0 on. Raises `InputError` if there is none."""
+    if np.ndim(gaits.phase) != 2:
+        raise InputError(f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), many gaits")
+    if not traced(k):
+        check_index("k", np.asarray(k)[()], len(gaits.phase))
     return jax.tree.map(lambda x: x[k] if np.ndim(x) else x, gaits)
 
 

@@ -65,7 +65,7 @@ def animate(
         InputError: a `frame_rate` that is not positive and finite, a `width` that is not from 100 to 4000, or another
             `camera`. A position that is not finite. An MP4 without imageio-ffmpeg installed.
     """
-    film = _checked(path, frame_rate, width, camera)
+    film = check_film(path, frame_rate, width, camera)
     check_motion(trajectory)
     times = np.asarray(trajectory.times, float)
     stage = (FollowingStage if camera == "follow" else WholeStage)(scene, trajectory, width)
@@ -88,7 +88,7 @@ def animate(
     write_whole(path, lambda file: _write_gif(file, frames(), durations, PALETTES[camera]))
 
 
-def _checked(path: str | FilePath, frame_rate: float, width: int, camera: str) -> bool:
+def check_film(path: str | FilePath, frame_rate: float, width: int, camera: str) -> bool:
     """Whether a film is asked for, not a GIF. Raises `InputError` as `animate` says."""
     if not (math.isfinite(frame_rate) and frame_rate > 0):
         raise InputError(f"frame_rate = {frame_rate:g}: expected a positive, finite number of frames a second")

@@ -9,7 +9,7 @@ from jaxgrity.core.display import counted_robots, finite_or, in_digits, mean_of_
 from jaxgrity.orbits.finding import IN_TIME
 from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report import plot
-from jaxgrity.report.steady import NOT_LASTING, on_orbit, steady_rows
+from jaxgrity.report.steady import NOT_LASTING, first_cycle, on_orbit, steady_rows
 from jaxgrity.search.objectives import Objective
 from jaxgrity.search.paths import SETTLING_SHARE
 from jaxgrity.search.promotion import multiplier_words, orbit_words
@@ -50,11 +50,16 @@ def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
     steady, asked = summary["steady"], summary["actuators"]
     late = steady is not None and steady["settled"] and not on_orbit(steady, summary["duration"])
     early = f" in the first {summary['duration']:g} s, before a whole cycle of the orbit" if late else ""
+    unseen = {}
+    if steady is not None and late:
+        ends, whole = f"{summary['duration']:g} s", in_digits(first_cycle(steady))
+        unseen["picture of the orbit"] = f"none: the motion ends after {ends}, the first whole cycle after {whole} s"
     return {
         **({"verified distance": distance_words(summary)} if steady is None else steady_rows(steady)),
         "actuators need": f"up to {', '.join(peaks(asked))}{early}; cost of transport {_cost_of_transport(summary)}"
         + _in_the_ramp(summary)
         + _beyond(summary),
+        **unseen,
     }
 
 

@@ -173,7 +173,12 @@ def steady_rows(steady: Facts) -> dict[str, str]:
 
 def on_orbit(steady: Facts, duration: float) -> bool:
     """Whether a rollout of this duration, s, ends with a whole cycle of the orbit."""
-    return steady["settled"] and steady["settled_after"] + steady["period"] * steady["periods"] <= duration
+    return steady["settled"] and first_cycle(steady) <= duration
+
+
+def first_cycle(steady: Facts) -> float:
+    """When the first whole cycle of the orbit ends, s."""
+    return steady["settled_after"] + steady["period"] * steady["periods"]
 
 
 def _restless(steady: Facts) -> str:

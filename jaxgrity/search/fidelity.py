@@ -62,6 +62,10 @@ class FidelityLevel(NamedTuple):
         """Its step and its precision."""
         return SolverOptions(dt=self.dt, dtype=self.dtype)
 
+    def counting(self, fitness: Fitness) -> Fitness:
+        """The fitness with those of its bounds that count there."""
+        return fitness if self.force_bounds else without_force_bounds(fitness)
+
     def judging(self, duration: float, fitness: Fitness) -> Judging:
         """The judging of gaits on it: its own model, and its twin's, if any, at a rough step.
 
@@ -154,8 +158,7 @@ def evolve_through(
         if found and number >= len(states):
             state = state._replace(genes=found[-1].last.genes[: config.population])
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)
-        fitness = problem.fitness if level.force_bounds else without_force_bounds(problem.fitness)
-        here = problem._replace(scene=level.scene, fitness=fitness)
+        here = problem._replace(scene=level.scene, fitness=level.counting(problem.fitness))
         found.append(evolve(here, config, options=level.options, state=state, on_generation=told))
     return found
 

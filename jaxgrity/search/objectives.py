@@ -241,6 +241,11 @@ class ActuatorBounds(eqx.Module):
         """Whether rollouts must be measured step by step, for forces and powers."""
         return self.force is not None or self.power is not None
 
+    @property
+    def words(self) -> str:
+        """What a gait is within that keeps them, in words; empty without a bound."""
+        return "bounds" if self.needs_metrics else "" if self.rate is None else "the bound on rates"
+
     def excess(self, rate: PerGait, metrics: Metrics | None) -> PerGait:
         """(population,), excess over the bounds, as a fraction summed over them; 0 within all. `rate`: largest rate,
         m/s."""

@@ -224,13 +224,10 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
         if checkpoint is not None:
             checkpoint.save(number, state)
         done += 1
-        facts = {
-            "level": levels[number].name,
-            "best": float(state.record.best[-1]),
-            "failed": int(state.record.failed[-1]),
-            f"within {'bounds' if levels[number].force_bounds else 'the bound on rates'}": int(state.record.within[-1]),
-        }
-        search.tell(Progress("evolving", done, total, facts))
+        record, bounds = state.record, levels[number].counting(search.problem.fitness).bounds.words
+        within = {f"within {bounds}": int(record.within[-1])} if bounds else {}
+        facts = {"level": levels[number].name, "best": float(record.best[-1]), "failed": int(record.failed[-1])}
+        search.tell(Progress("evolving", done, total, facts | within))
 
     seed = search.config.seed
     found = evolve_through(levels, search.problem, configs, seed=seed, states=states, on_generation=heard)

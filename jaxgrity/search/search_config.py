@@ -2,15 +2,15 @@
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_origin
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.arguments import check_count, check_number, is_count
-from jaxgrity.core.errors import InputError
-from jaxgrity.core.typed import typed
+from jaxgrity.core.arguments import check_count, check_number, is_count, is_number
+from jaxgrity.core.errors import InputError, check_known
+from jaxgrity.core.typed import check_fields, typed
 from jaxgrity.model.actuation import Gait, actuated_lengths
 from jaxgrity.model.gait_waves import travelling_waves
 from jaxgrity.model.scene import Scene, with_gait
@@ -113,6 +113,16 @@ class SearchConfig:
     """budget, gradient and number of gaits of polishing; None: no polish"""
 
     def __post_init__(self):
+        check_fields(self)
+        for part in dataclasses.fields(self):
+            if get_origin(part.type) is Literal:
+                check_known(part.name, str(getattr(self, part.name)), get_args(part.type))
+        if not _is_pair(self.generations) or not all(is_count(count, 0) for count in self.generations):
+            raise InputError(f"generations = {self.generations!r}: expected two whole numbers, such as (10, 2)")
+        for name in ("amplitude", "frequency"):
+            bounds = getattr(self, name)
+            if bounds is not None and not (_is_pair(bounds) and all(map(is_number, bounds))):
+                raise InputError(f"{name} = {bounds!r}: expected two bounds, such as (0.1, 0.5), or None")
         check_number("duration", self.duration, above=0.0, unit="s")
         check_number("caution", self.caution, least=0.0)
         for name, least in (("population", 1), ("robots", 1), ("seed", 0), ("overtones", 0)):
@@ -122,6 +132,10 @@ class SearchConfig:
         for name in ("dt", "ramp"):
             if getattr(self, name) is not None:
                 check_number(name, getattr(self, name), above=0.0, unit="s")
+
+
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, tuple) and len(value) == 2
 
 
 @typed

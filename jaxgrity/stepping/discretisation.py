@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, Times, namespace_of
+from jaxgrity.model.clusters import added_up
 from jaxgrity.model.inertia import with_mobility
 from jaxgrity.model.laws import Law
 from jaxgrity.model.motors import bends_of
@@ -131,10 +132,15 @@ def failure_code(result, of_state):
 
 
 def state_failure(scene: Scene, q: NodeVectors, v: NodeVectors):
-    """1 where the state is not finite, 2 where a member is `TORN` times its built length, else 0."""
+    """1 where the state is not finite, 2 where a member is `TORN` times its built length, else 0.
+
+    A cable that runs over several nodes counts as a whole: it slides there, so that a segment may grow without strain.
+    """
     finite = jnp.all(jnp.isfinite(q)) & jnp.all(jnp.isfinite(v))
     torn = jnp.zeros((), bool)
     for members in scene.structure.members:
-        built = length(edge_vectors(scene.structure.nodes, members.edges))
-        torn |= jnp.any(length(edge_vectors(q, members.edges)) > TORN * built)
+        built, now = (
+            added_up(length(edge_vectors(x, members.edges)), members.clusters) for x in (scene.structure.nodes, q)
+        )
+        torn |= jnp.any(now > TORN * built)
     return jnp.where(finite, jnp.where(torn, 2, 0), 1)

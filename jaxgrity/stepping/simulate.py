@@ -28,7 +28,8 @@ SHARED_POSITIONS = 2**16
 """Number of saved positions (frames x nodes) up to which motions of a scene share one compiled program. The last frame
 is repeated to fill it, unless the motion is differentiated. A minute of a robot with ten nodes, at 100 frames a second,
 fits in; so many positions and velocities are 3 MB."""
-
+MOST_FRAMES = 10**7
+"""Most frames of a motion: positions and velocities of twelve nodes are 6 GB then."""
 REVERSE = "simulate has derivatives in forward mode alone (jax.jacfwd, jax.jvp); for reverse mode use jaxgrity.rollout"
 """Message where reverse mode meets `simulate`."""
 
@@ -125,11 +126,15 @@ def some_frames(trajectory: Trajectory, frames: np.ndarray | slice) -> Trajector
 def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -> np.ndarray:
     """(frames,), s: even times from 0 to `duration`, two or more, about `frame_rate` per second, or `at_most`.
 
-    Raises `InputError` if the rate is not positive and finite.
+    Raises `InputError` if the rate is not positive and finite, or for more than `MOST_FRAMES`.
     """
     if not (frame_rate > 0 and math.isfinite(frame_rate)):
         raise InputError(f"frame_rate = {frame_rate}: expected a positive, finite number of frames a second")
-    return np.linspace(0, duration, max(1, round(duration * min(frame_rate, at_most))) + 1)
+    count = max(1, round(duration * min(frame_rate, at_most))) + 1
+    if count > MOST_FRAMES:
+        found = f"duration = {duration:g} s: {count:.2g} frames at {frame_rate:g} a second"
+        raise InputError(f"{found}; expected at most {MOST_FRAMES:.2g} frames")
+    return np.linspace(0, duration, count)
 
 
 def with_room(frames: AnyArray, nodes: int) -> np.ndarray:

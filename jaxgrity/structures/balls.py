@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges
-from jaxgrity.structures.geometry import Geometry
+from jaxgrity.structures.geometry import Geometry, check_positive
 
 GOLDEN = (1 + 5**0.5) / 2
 """The golden ratio, which coordinates of the ball of 30 struts contain."""
@@ -44,6 +44,7 @@ def ball(struts: int = 30, strut_length: float = 1.0) -> Geometry:
     """
     if struts not in FORMS:
         raise InputError(f"struts = {struts}: expected 6, 12 or 30, the balls of which the form is known")
+    check_positive(strut_length=strut_length)
     (axis, order), edge, strut = FORMS[struts]
     turn, flip, across = rotation(axis, 2 * np.pi / order), rotation(edge, np.pi), rotation(strut, np.pi)
     node = _stressed_node(turn + turn.T + flip - 3 * np.eye(3), across - np.eye(3))

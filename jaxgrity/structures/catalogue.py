@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.structure import edge_lengths
-from jaxgrity.structures.geometry import Geometry, ring
+from jaxgrity.structures.geometry import Geometry, check_positive, ring
 
 PRISM_RADIUS, PRISM_HEIGHT = 0.3, 0.6
 """Radius and height of the prisms of a tower, m."""
@@ -22,6 +22,7 @@ def icosahedron(strut_length: float = 1.0) -> Geometry:
     Nodes are the cyclic permutations of (±2, ±1, 0) S/4, S the strut length; cables join the pairs sqrt(6)/4 S apart.
     Nodes 4a to 4a + 3 belong to the pattern whose struts lie along axis a. Returns nodes (12, 3) in m, struts, cables.
     """
+    check_positive(strut_length=strut_length)
     pattern = [(2, 1, 0), (-2, 1, 0), (2, -1, 0), (-2, -1, 0)]
     nodes = np.array([np.roll(corner, axis) for axis in range(3) for corner in pattern]) * strut_length / 4
     struts = tuple((4 * axis + end, 4 * axis + end + 1) for axis in range(3) for end in (0, 2))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import check_number
+from jaxgrity.core.arguments import check_count, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges
 from jaxgrity.model.balls import Balls
@@ -51,9 +51,8 @@ def at_most(name: str, value: int, most: int) -> None:
 
 
 def at_least(name: str, value: int, least: int) -> None:
-    """Raises `InputError` for a number of a structure below its limit."""
-    if not value >= least:
-        raise InputError(f"{name} = {value}: expected at least {least}")
+    """Raises `InputError` for a number of a structure that is not whole, or below its limit."""
+    check_count(name, value, least)
 
 
 def check_positive(**values: float) -> None:

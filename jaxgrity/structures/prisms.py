@@ -8,7 +8,7 @@ import scipy
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges
-from jaxgrity.structures.geometry import Geometry, at_least, at_most, joined, ring
+from jaxgrity.structures.geometry import Geometry, at_least, at_most, check_positive, joined, ring
 
 MOST_NODES, MOST_OVERLAPPING = 50_000, 100
 """Most nodes of one ring, summed over all stages, and most stages that overlap: those need a dense matrix six times as
@@ -26,6 +26,7 @@ def prism(struts: int = 3, radius: float = 0.3, height: float = 0.6, upper_radiu
     """
     at_least("struts", struts, 3)
     top = radius if upper_radius is None else upper_radius
+    check_positive(radius=radius, height=height, upper_radius=top)
     nodes = np.concatenate([ring(struts, radius, 0.0, 0.0), ring(struts, top, np.pi / 2 + np.pi / struts, height)])
     polygons = joined(0, 0, struts, 1) + joined(struts, struts, struts, 1)
     return Geometry(nodes, joined(0, struts, struts), polygons + joined(0, struts, struts, -1))
@@ -37,6 +38,7 @@ def three_strut_robot(strut_length: float = 1.0) -> Geometry:
     The topology of Paul, Valero-Cuevas and Lipson's walking robot (2006). With polygons of side
     a = sqrt(3) R, vertical cables span a chord 2 R sin(pi/12) over the height, struts 2 R sin(5 pi/12).
     """
+    check_positive(strut_length=strut_length)
     short, long = 2 * np.sin(np.pi / 12), 2 * np.sin(5 * np.pi / 12)
     height = np.sqrt(3 - short**2)
     scale = strut_length / np.hypot(long, height)
@@ -58,6 +60,7 @@ def tower(
     """
     at_least("struts", struts, 3)
     at_least("stages", stages, 1)
+    check_positive(radius=radius, stage_height=stage_height)
     if not 0 <= overlap < 1:
         raise InputError(f"overlap = {overlap}: expected a share of a stage's height, at least 0 and less than 1")
     at_most("stages", stages, MOST_NODES // struts)

@@ -6,11 +6,12 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial import Delaunay
 
+from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, edge_lengths
 from jaxgrity.statics.equilibrium import resting_shape
-from jaxgrity.structures.geometry import Geometry, at_least
+from jaxgrity.structures.geometry import Geometry, at_least, check_positive
 
 TRIES = 20
 """Most random draws for one seed until a structure stands."""
@@ -46,7 +47,8 @@ def random_tensegrity(struts: int = 6, seed: int = 0, strut_length: float = 1.0)
         ((10, 3), ((0, 1), (2, 3)))
     """
     at_least("struts", struts, 3)
-    random = np.random.default_rng(seed)
+    check_positive(strut_length=strut_length)
+    random = np.random.default_rng(check_count("seed", seed, 0))
     for _ in range(TRIES):
         found = _pulled_together(random.normal(size=(2 * struts, 3)))
         if found is not None:

@@ -19,6 +19,7 @@ def tetrahedral_spine(vertebrae: int = 3, width: float = 0.3, height: float = 0.
     2014, "Design and control of modular spine-like tensegrity structures"; Sabelhaus et al. 2017.
     """
     at_least("vertebrae", vertebrae, 2)
+    check_positive(width=width, height=height, spacing=spacing)
     half = width / 2
     one = np.array([[-half, 0, 0], [half, 0, 0], [0, -half, height], [0, half, height]])
     nodes = np.concatenate([one + np.array([0, 0, k * spacing]) for k in range(vertebrae)])
@@ -37,6 +38,7 @@ def planar_spine(vertebrae: int = 3, length: float = 0.3, height: float = 0.3, s
     plane: hardware puts them side by side). The stress makes it stable in its plane; out of it, only supports do.
     """
     at_least("vertebrae", vertebrae, 2)
+    check_positive(length=length, height=height, spacing=spacing)
     one = np.array([[0, 0, -height / 2], [0, 0, height / 2], [length, 0, 0]])
     nodes = np.concatenate([one + np.array([k * spacing, 0, 0]) for k in range(vertebrae)])
     struts = _chain(((0, 1), (0, 2), (1, 2)), 3, range(vertebrae))

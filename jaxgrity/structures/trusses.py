@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxgrity.structures.geometry import Geometry, at_least, at_most, joined, ring
+from jaxgrity.structures.geometry import Geometry, at_least, at_most, check_positive, joined, ring
 
 MOST_PRISMS = 10_000
 """Most prisms of a grid."""
@@ -15,6 +15,7 @@ def d_bar(sides: int = 3, length: float = 1.0, radius: float = 0.15) -> Geometry
     together under compression: the "D-bar" of Skelton and de Oliveira (2009), Tensegrity Systems.
     """
     at_least("sides", sides, 2)
+    check_positive(length=length, radius=radius)
     nodes = np.concatenate([[[0, 0, 0], [0, 0, length]], ring(sides, radius, 0.0, length / 2)])
     struts = tuple((end, 2 + k) for k in range(sides) for end in (0, 1))
     around = joined(2, 2, sides, 1) if sides > 2 else ((2, 3),)
@@ -28,6 +29,7 @@ def t_bar(sides: int = 3, length: float = 1.0, radius: float = 0.15) -> Geometry
     there, the stress does not stiffen two mechanisms: the middle moves aside, or the spokes do.
     """
     at_least("sides", sides, 2)
+    check_positive(length=length, radius=radius)
     nodes = np.concatenate([[[0, 0, 0], [0, 0, length], [0, 0, length / 2]], ring(sides, radius, 0.0, length / 2)])
     struts = ((0, 2), (1, 2), *((2, 3 + k) for k in range(sides)))
     return Geometry(nodes, struts, tuple((end, 3 + k) for k in range(sides) for end in (0, 1)))
@@ -42,6 +44,7 @@ def grid(rows: int = 2, columns: int = 2, side: float = 1.0, height: float = 0.6
     """
     at_least("rows", rows, 1)
     at_least("columns", columns, 1)
+    check_positive(side=side, height=height)
     at_most("columns", columns, MOST_PRISMS // rows)
     number: dict[tuple[int, int, int], int] = {}
     struts: dict[tuple[int, int], None] = {}

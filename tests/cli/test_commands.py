@@ -166,11 +166,34 @@ def test_simulate_one_rollout(jaxgrity, tmp_path):
     assert not (tmp_path / "outcomes.png").exists()
 
 
-def test_a_refused_rollout_leaves_earlier_results_alone(jaxgrity, tmp_path):
-    """They are taken away once there is something new."""
-    (tmp_path / "summary.json").write_text("{}")
-    assert jaxgrity("simulate", "reference", "--method", "euler", "--out", tmp_path).code == 2
-    assert (tmp_path / "summary.json").read_text() == "{}"
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("simulate", "reference", "--method", "euler"),
+        ("simulate", "reference", "--animation", "gif", "--fps", 0),
+        ("simulate", "reference", "--gaits", "short.csv"),
+        ("simulate", "reference", "--gaits", "short.csv", "--animation", "gif"),
+        ("train", "speed", "--episodes", 1),
+        ("train", "speed", "--updates", -1),
+        ("diagnose", "reference", "--method", "verlet"),
+        ("validate", "still.toml", "--data", "run.csv", "--method", "euler"),
+        ("search", "--scene", "still.toml"),
+        ("search", "--dt", 0.1),
+    ],
+    ids=lambda words: " ".join(map(str, words)),
+)
+def test_a_refused_command_says_and_changes_nothing_else(jaxgrity, tmp_path, monkeypatch, words):
+    """No description of the scene comes before the refusal, and earlier results stay."""
+    monkeypatch.chdir(tmp_path)
+    Path("short.csv").write_text("0,1,2,3,4\n")
+    Path("still.toml").write_text(FREE)
+    seen = "".join(f"{k},0,0,0,1,0,0,0,1,0\n" for k in range(4))
+    Path("run.csv").write_text(f"t,{','.join(f'{axis}{node}' for node in range(3) for axis in 'xyz')}\n{seen}")
+    Path("summary.json").write_text("{}")
+    done = jaxgrity(*words, "--out", tmp_path)
+    assert (done.code, done.out) == (2, f"{words[0]}: loading JAX ...\n")
+    assert done.errors.startswith("error: ")
+    assert Path("summary.json").read_text() == "{}"
 
 
 @pytest.mark.slow
@@ -295,11 +318,22 @@ def test_bad_input_is_one_line(jaxgrity, tmp_path, monkeypatch, arguments, words
         Path(name).mkdir()
         Path(name, "summary.json").write_text(text)
     done = jaxgrity(*arguments, "--out", "out")
-    assert done.code == 2
+    assert (done.code, done.out) == (2, f"{arguments[0]}: loading JAX ...\n")
     (line,) = done.errors.strip().splitlines()
     assert line.startswith("error: ")
     assert all(word in line for word in words), line
     assert not Path("out").exists()
+
+
+@pytest.mark.parametrize("command", [("simulate", "exact"), ("catalogue",), ("search",)])
+@pytest.mark.parametrize("out", ["taken", "taken/deeper"])
+def test_a_file_in_the_place_of_the_folder_of_results_is_refused(jaxgrity, tmp_path, command, out):
+    """Before anything is computed for it."""
+    (tmp_path / "taken").write_text("mine")
+    done = jaxgrity(*command, "--out", tmp_path / out)
+    assert (done.code, done.out) == (2, f"{command[0]}: loading JAX ...\n")
+    assert done.errors.startswith(f"error: --out {tmp_path / out}: {tmp_path / 'taken'} is a file; expected a folder")
+    assert (tmp_path / "taken").read_text() == "mine"
 
 
 def test_a_search_says_what_it_replaces(tmp_path):
@@ -412,7 +446,11 @@ def test_processes_that_work_as_one_say_how_many_they_are(monkeypatch):
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
-    [(("moon",), "scene 'moon': unknown"), (("exact", "--duration", 0), "duration = 0: expected a positive number")],
+    [
+        (("moon",), "scene 'moon': unknown"),
+        (("exact", "--duration", 0), "duration = 0 s: expected a positive number"),
+        (("exact", "--duration", "inf"), "duration = inf s: expected a positive number"),
+    ],
 )
 def test_explore_refuses_bad_input_before_it_serves(jaxgrity, arguments, said):
     """In one line; nothing answers."""

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from dataclasses import asdict, replace
+from importlib import metadata
 from pathlib import Path
 
 import jax
@@ -24,6 +25,7 @@ from jaxgrity import (
     sensitivity,
     simulate,
 )
+from jaxgrity.cli import command_line, main
 from jaxgrity.cli.search import config_of
 from jaxgrity.cli.search_settings import SearchSettings, UncertaintySettings
 
@@ -81,6 +83,25 @@ def test_help_imports_nothing_that_takes_long(arguments):
     assert "usage: jaxgrity" in said
     assert "tyro" in imported.split()
     assert not HEAVY & set(imported.split())
+
+
+@pytest.mark.parametrize("words", [("--help",), ("search", "--help"), ("--version",)])
+def test_a_reader_that_leaves_ends_the_command_silently(words):
+    """As `| head` does: nothing on standard error, and the exit code of other programs."""
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as unread:
+        words = [sys.executable, "-m", "jaxgrity", *words]
+        done = subprocess.run(words, stdout=unread, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (command_line.UNREAD, "")
+
+
+def test_the_version_is_that_of_the_package(capsys, monkeypatch):
+    """In one line, and the help names the option."""
+    monkeypatch.setattr(sys, "argv", ["jaxgrity", "--version"])
+    main.main()
+    assert capsys.readouterr().out == f"jaxgrity {metadata.version('jaxgrity')}\n"
+    assert "--version" in main.__doc__
 
 
 @pytest.mark.slow

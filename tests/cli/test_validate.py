@@ -127,6 +127,7 @@ def test_a_quick_part_has_enough_rows(tmp_path):
         ({"identify": ("gravity=much",)}, "--identify gravity=much: expected a name, or a name with its spread"),
         ({"identify": ("structure.cables.colour",)}, "the scene has no such numbers"),
         ({"identify": ("gravity",), "noise": 0.0}, "noise = 0 m: expected"),
+        ({"data": ()}, "--data: names no recording; expected at least one file"),
         ({"data": (Path("missing.csv"),)}, "missing.csv: cannot be read: No such file"),
         ({"dt": 10.0}, "largest stable step"),
     ],

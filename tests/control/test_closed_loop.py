@@ -214,6 +214,27 @@ def test_the_clock_runs_as_its_law_says(scene, moment):
     np.testing.assert_allclose(found, [1 + told, 1 - told], atol=1e-9)
 
 
+def test_the_clock_of_a_small_robot_runs_like_that_of_a_large_one(scene, moment):
+    """A robot of a quarter of the size does the same in half of the time: swings, slow and fast, count alike."""
+    built = scene.structure
+    struts = replace(built.struts, rest_length=built.struts.rest_length / 4)
+    small = replace(scene, structure=replace(built, struts=struts))
+    gait = replace(scene.gait, frequency=2 * scene.gait.frequency)
+    # weak, so that the clock is at none of its own limits
+    own, alike, other = (
+        replace(each, gains=0.1 * each.gains, swings=0.1 * each.swings)
+        for each in (control.sure_footed(scene.gait), control.sure_footed(gait, small), control.sure_footed(gait))
+    )
+    assert control.sure_footed(scene.gait, scene).time_scale == own.time_scale == 1.0
+    for factor in (1.0, 100.0):  # the fast ones are limited
+        seen = moment._replace(spins=factor * moment.spins)
+        rate = clock_rate(own, seen, 0.37)
+        assert 0 < rate < 2
+        assert clock_rate(alike, seen._replace(spins=2 * seen.spins), 0.185) == pytest.approx(rate, rel=1e-9)
+    slow = moment._replace(spins=2 * moment.spins)
+    assert clock_rate(other, slow, 0.185) != pytest.approx(clock_rate(own, moment, 0.37), rel=1e-3)
+
+
 def test_the_clock_does_not_ask_on_which_face_the_robot_lies(scene, moment):
     """Under every symmetry of the structure the image of the gait, on the robot's image, has the same clock."""
     i, j = np.array(scene.structure.struts.edges).T

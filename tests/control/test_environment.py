@@ -338,6 +338,17 @@ def test_starts_stand_just_above_their_ground(task, scene):
     assert np.any(v) == env.task.fallen
 
 
+def test_a_stuck_member_makes_no_effort(scene, goal):
+    """Whatever it is commanded: the cost counts how fast the others shorten."""
+    struts = replace(scene.structure.struts, stuck=(0, 4))
+    stuck = replace(scene, structure=replace(scene.structure, struts=struts))
+    env = control.environment("goal", stuck, options=QUICK, seconds=0.2, motors=goal.plant.motors)
+    change = 0.01 * np.arange(1.0, 7.0)
+    assert goal._effort(change) == pytest.approx(np.mean((change / 0.01) ** 2))
+    change[[0, 4]] = 0
+    assert env._effort(0.01 * np.arange(1.0, 7.0)) == pytest.approx(np.mean((change / 0.01) ** 2))
+
+
 def test_bad_input_is_refused(scene):
     """In one line, before anything compiles."""
     with pytest.raises(InputError, match="task = 'fly': unknown"):
@@ -346,6 +357,10 @@ def test_bad_input_is_refused(scene):
         control.environment(control.Task("moon"), scene)
     with pytest.raises(InputError, match=r"task.averaged = 0 s: expected a positive number"):
         control.environment(control.Task("anywhere", averaged=0.0), scene)
+    with pytest.raises(InputError, match=r"task.fallen = 'no': expected True or False"):
+        control.environment(control.Task("anywhere", fallen="no"), scene)
+    with pytest.raises(InputError, match=r"task.incline = '5 degrees' rad: expected a number from -1.57"):
+        control.environment(control.Task("uphill", incline="5 degrees"), scene)
     with pytest.raises(InputError, match=r"task.distance = -1 m: expected a finite number, at least 0"):
         control.environment(control.Task("goal", distance=-1), scene)
     with pytest.raises(InputError, match=r"task.reached = 0 m: expected a positive number"):

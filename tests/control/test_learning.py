@@ -312,6 +312,29 @@ def test_deployed_policies_that_do_not_fit_are_refused(travelling):
         Deployed("heading", policy, heading=[1.0, 0.0])
 
 
+class FirstSeen(eqx.Module):
+    """A policy that repeats the first numbers that it sees, and holds them for four control periods of learning."""
+
+    held: int = eqx.field(static=True, default=4)
+
+    def __call__(self, seen):
+        return seen[:6]
+
+
+@pytest.mark.parametrize("period", [0.005, 0.01, 0.03])
+def test_a_deployed_policy_acts_as_often_as_in_learning(travelling, period):
+    """Every 0.04 s, to the nearest control period of the plant, however long those are."""
+    env, _ = travelling
+    deployed = Deployed(env, FirstSeen(), heading=[1.0, 0.0])
+    shapes = jax.eval_shape(lambda key: observe(env.plant, plant_start(env.plant, key))[0], jax.random.key(0))
+    memory, acted = deployed.first(), []
+    for tick in range(round(0.24 / period)):
+        seen = jax.tree.map(lambda x, tick=tick: np.full(x.shape, tick * period), shapes)
+        _, memory = deployed(seen, (tick + 1) * period, memory)
+        acted.append(float(memory[0][0]))
+    np.testing.assert_allclose(sorted(set(acted)), 0.04 * np.arange(6), rtol=0, atol=period / 2 + 1e-9)
+
+
 def test_a_deployed_policy_of_another_robot_is_refused(travelling):
     """Where it is made; on a plant with other members; and, before anything compiles, with other sensors' readings."""
     env, policy = travelling

@@ -42,6 +42,18 @@ def test_a_way_round_a_disc_is_as_long_as_a_taut_string():
     assert np.linalg.norm(np.diff(points, axis=0), axis=1).sum() == pytest.approx(length, rel=1e-6)
 
 
+@pytest.mark.parametrize("spacing", [0.3, 0.1])
+def test_a_way_keeps_the_reach_between_its_points_too(spacing):
+    """Past a thin post, where a step of the grid would cut the corner between two points that are clear of it."""
+    post = Discs(np.array([[5.0, 0.05]]), np.array([0.01]))
+    way = control.way_map(post, np.array([10.0, 0.1]), ARENA, comfort=1e-6, spacing=spacing)
+    for start in ([0.1, 0.1], [0.1, -1.1], [4.9, 0.7], [5.2, -0.8]):
+        points = way.way(np.array(start))
+        between = np.linspace(points[1:-1], points[2:], 200).reshape(-1, 2)
+        assert control.room(post, between).min() >= 0.6
+        np.testing.assert_allclose(points[-1], [10.0, 0.1], atol=spacing)
+
+
 def test_comfort_keeps_ways_away_from_obstacles():
     """With comfort the way leaves more room where there is plenty."""
     disc, goal = Discs(np.array([[5.0, 0.0]]), np.array([1.0])), np.array([10.0, 0.0])

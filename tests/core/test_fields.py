@@ -282,6 +282,7 @@ EXAMPLES = [
         gait=(GAIT, OTHER),
         gains=(np.ones((2, 2)), ANY, ROWS),
         swings=(np.ones((2, 2)), ANY, ROWS),
+        time_scale=(1.0, POSITIVE),
     ),
     _of(
         control.Steered,

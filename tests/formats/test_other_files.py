@@ -257,6 +257,13 @@ def test_motions_with_units(reference, tmp_path):
         load_trajectory(tmp_path / "motion.csv")
 
 
+def test_an_array_alone_is_no_motion(tmp_path):
+    """NumPy reads such a file, too."""
+    np.save(tmp_path / "array.npy", np.zeros((3, 3)))
+    with pytest.raises(InputError, match=r"array.npy: no motion that save_trajectory wrote as .npz"):
+        load_trajectory(tmp_path / "array.npy")
+
+
 def test_every_kind_of_file_by_its_ending(tmp_path):
     """What can be both written and read comes back; the rest is refused with the endings that can."""
     scene = parse_scene(PRISM.replace("mass = [0.1, 0.2, 0.3]\n", "").replace("5, 0]", "5, 6]"))

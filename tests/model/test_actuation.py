@@ -2,10 +2,11 @@
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 
-from jaxgrity import Gait, InputError
+from jaxgrity import Gait, InputError, random_phases
 from jaxgrity.model.actuation import Overtone, contraction, peak_rates, ramp_rates
 
 
@@ -83,3 +84,21 @@ def test_a_ramp_of_no_time_is_refused():
     """It would divide by zero before the gait begins."""
     with pytest.raises(InputError, match=r"^gait.ramp = 0 s: expected a positive number"):
         Gait((0,), [0.0], [0.1], [1.0], ramp=0.0)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "name"), [((-3, 6, 0), "gaits = -3"), ((2, "6", 0), "actuators = '6'"), ((2, 6, -1), "seed = -1")]
+)
+def test_random_phases_need_whole_numbers(numbers, name):
+    """In the words of all other numbers."""
+    jaxtyping.config.update("jaxtyping_disable", True)  # which users do not have; of this test alone
+    with pytest.raises(InputError, match=f"{name}: expected a whole number, at least 0"):
+        random_phases(*numbers)
+
+
+@pytest.mark.parametrize("members", [0, ("0",), (0.5,), (True,), ((0, 1),)])
+def test_the_members_of_a_gait_are_whole_numbers(members):
+    """One number alone is no list of them."""
+    jaxtyping.config.update("jaxtyping_disable", True)  # which users do not have; of this test alone
+    with pytest.raises(InputError, match=r"gait\.members = .*: expected whole numbers"):
+        Gait(members, [0.0], [0.3], [1.0])

@@ -28,6 +28,7 @@ from jaxgrity import (
 from jaxgrity.model import symmetries
 from jaxgrity.statics import inspect_structure, member_forces, resting_shape, static_response, stiffness_matrix
 from jaxgrity.stepping import step_limit
+from jaxgrity.stepping.discretisation import state_failure
 
 G = 9.81
 ALL_AS_ONE = scene_text("reference").replace("prestrain = 0.3", "prestrain = 0.3\nclusters = [[0, 3], [1, 20, 22]]")
@@ -83,6 +84,15 @@ def test_work_of_a_cable_through_nodes_is_in_the_balance():
     assert abs(audit.residual).max() < 1e-4 * audit.turned_over
     assert audit.dissipated["cables"][-1] > 0
     assert audit.actuation[-1] != 0
+
+
+def test_such_a_cable_is_torn_as_a_whole():
+    """It runs through its nodes: a side that grows from a centimetre is no damage, and a whole that grows is."""
+    scene = lamp(0.3, 1.4)
+    start = dataclasses.replace(scene.structure, nodes=[[0.0, 0, 0], [0.01, 0, 0], [1.0, 0, 0.3]])
+    for place, code in ((0.9, 0), (9.0, 2)):
+        q = np.array([[0.0, 0, 0], [place, 0, 0], [1.0, 0, 0.3]])
+        assert state_failure(dataclasses.replace(scene, structure=start), q, np.zeros((3, 3))) == code
 
 
 @pytest.mark.campaign

@@ -132,6 +132,23 @@ def test_every_penalty_scene_has_an_exact_twin_that_rolls_out(old, new):
     assert motion.positions[..., 2].min() > -1e-12
 
 
+def test_supports_are_not_lifted_out_of_the_ground(reference):
+    """They hold the robot where they are; a start above the ground, and supports that may rise, are no matter."""
+    q = np.asarray(reference.structure.nodes)
+    held = lambda depth, axes: dataclasses.replace(  # noqa: E731
+        reference,
+        structure=dataclasses.replace(
+            reference.structure, nodes=q - [0, 0, q[:, 2].min() + depth], fixed=((int(q[:, 2].argmax()), axes),)
+        ),
+    )
+    with pytest.raises(
+        InputError, match=r"structure\.fixed: the start is 0.03 m in the ground, and supports cannot be"
+    ):
+        exact_twin(held(0.03, "xyz"))
+    for depth, axes in ((-0.03, "xyz"), (0.03, "xy")):
+        assert exact_twin(held(depth, axes)).structure.nodes[:, 2].min() == pytest.approx(max(0, -depth), abs=1e-4)
+
+
 def test_friction_becomes_the_other_models(reference, exact):
     """The switch gives its kinetic friction to the cone, and no friction stays none."""
     switch = changed(reference, (lambda s: s.friction, SwitchFriction(0.6, 0.4, 1e-3)))

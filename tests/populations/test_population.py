@@ -308,6 +308,11 @@ def test_a_population_of_none_is_refused(reference):
     none = jax.tree.map(lambda x: np.zeros((0, 6)) if np.ndim(x) else x, reference.gait)
     with pytest.raises(InputError, match=r"gaits.phase has shape \(0, 6\); expected \(gaits, actuators\), one gait or"):
         simulate_population(reference, none, 1.0)
+    for k in (3, -1):  # for both JAX would take the last one
+        with pytest.raises(InputError, match=rf"k = .*{k}.*: expected a whole number from 0 to 2"):
+            one_gait(gaits_of(reference.gait, np.zeros((3, 6))), k)
+    with pytest.raises(InputError, match=r"gaits.phase has shape \(6,\); expected \(gaits, actuators\), many gaits"):
+        one_gait(reference.gait, 0)
     with pytest.raises(InputError, match=r"gaits.phase has shape \(6,\); expected \(gaits, actuators\)"):
         simulate_population(reference, reference.gait, 1.0)
 

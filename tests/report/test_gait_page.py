@@ -207,8 +207,12 @@ def test_what_is_measured_before_the_orbit_is_not_told_as_on_it():
     early = steady_rows({**STEADY, "robust": {**STEADY["robust"], "counted_from": 14.0}})["both contact models"]
     assert "over 128 perturbed robots from 14 s on, before the gait settles; 0.81" in early  # it settles after 14.8 s
     known = {"actuators": ACTUATORS, "within_bounds": True, "beyond_bounds": 0.0, "duration": 40.0}
-    told = outcome_rows({**known, "steady": {**STEADY, "settled_after": 39.0}})["actuators need"]
-    assert told.startswith("up to 275 N, 0.99 m/s, 143 W in the first 40 s, before a whole cycle of the orbit; cost")
+    rows = outcome_rows({**known, "steady": {**STEADY, "settled_after": 39.0}})
+    asked = "up to 275 N, 0.99 m/s, 143 W in the first 40 s, before a whole cycle of the orbit; cost"
+    assert rows["actuators need"].startswith(asked)
+    # and the page has no picture of it
+    assert rows["picture of the orbit"] == "none: the motion ends after 40 s, the first whole cycle after 41.7 s"
+    assert "picture of the orbit" not in outcome_rows({**known, "steady": STEADY})
 
 
 def test_the_rows_say_who_is_beyond_a_bound():

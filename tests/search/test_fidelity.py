@@ -20,24 +20,29 @@ from jaxgrity import (
     InputError,
     Members,
     Scene,
+    SearchConfig,
     SearchProblem,
     Speed,
     Structure,
     Uncertainty,
     as_population,
     contact_twin,
+    search_gaits,
 )
 from jaxgrity.search import (
+    EvolutionState,
     FidelityLevel,
     evolve_through,
     fidelity_levels,
     final_verdict,
     judge_at,
+    pipeline,
     rank_correlation,
     search_levels,
     with_robots,
 )
 from jaxgrity.search.fidelity import Verdict, excess_at
+from jaxgrity.search.genetic_algorithm import Record
 from jaxgrity.search.judging import judge_until, scored, standard_error
 from jaxgrity.search.models import rough_step
 from jaxgrity.stepping import default_method, default_step
@@ -52,6 +57,34 @@ def sled() -> Scene:
     nodes = np.array([[0, 0, 0], [np.cos(SLOPE), 0, -np.sin(SLOPE)]])
     structure = Structure(nodes, np.array([1.0, 2.0]), Members(((0, 1),), None, np.array([1.0])))
     return Scene(structure, 9.81, ground=ExactGround(incline=SLOPE), friction=ConeFriction(0.3), gait=STROKES)
+
+
+class Enough(Exception):  # noqa: N818 it is no error
+    """Ends a search whose progress has been heard."""
+
+
+@pytest.mark.parametrize(
+    ("bounds", "counted"),
+    [
+        (ActuatorBounds(), [set(), set()]),
+        (ActuatorBounds(rate=1.0), [{"within the bound on rates"}] * 2),
+        (ActuatorBounds(rate=1.0, power=200.0), [{"within the bound on rates"}, {"within bounds"}]),
+        (ActuatorBounds(power=200.0), [set(), {"within bounds"}]),
+    ],
+)
+def test_progress_names_the_bounds_that_were_counted(exact, monkeypatch, bounds, counted):
+    """A wide screening looks at the bound on rates alone; without a bound there is nothing to be within."""
+    heard, record = [], Record(*(np.zeros(1) for _ in Record._fields))
+
+    def evolve(levels, problem, configs, *, on_generation, **how):
+        for number in range(len(levels)):
+            on_generation(number, EvolutionState(1, None, None, record, None))
+        raise Enough
+
+    monkeypatch.setattr(pipeline, "evolve_through", evolve)
+    with pytest.raises(Enough):
+        search_gaits(exact, SearchConfig(bounds=bounds), on_progress=heard.append)
+    assert [each.facts.keys() - {"level", "best", "failed"} for each in heard[1:]] == counted
 
 
 def test_a_penalty_scene_is_screened_on_its_exact_twin(reference, exact):

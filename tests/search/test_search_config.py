@@ -3,6 +3,7 @@
 import dataclasses
 
 import jax
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -143,6 +144,29 @@ def test_what_cannot_be_searched_is_refused(exact, config, message):
     mixed = with_gait(exact, dataclasses.replace(exact.gait, frequency=np.linspace(0.4, 0.6, 6)))
     with pytest.raises(InputError, match=message):
         search_problem(mixed, config)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"objective": "steady speed"}, "SearchConfig: objective is 'steady speed'; expected an Objective"),
+        ({"objective": SteadySpeed}, "objective is the class SteadySpeed itself; expected an Objective"),
+        ({"uncertainty": 0.1}, "uncertainty is 0.1; expected a Uncertainty"),
+        ({"polish": "orbit"}, "polish is 'orbit'; expected a PolishConfig or None"),
+        ({"waves": "all"}, "waves = 'all': unknown; expected one of every, axis, none"),
+        ({"members": "cable"}, "members = 'cable': unknown; perhaps you meant cables; expected one of scene, struts"),
+        ({"wide": "no"}, "wide is 'no'; expected True or False"),
+        ({"generations": 3}, r"generations = 3: expected two whole numbers, such as \(10, 2\)"),
+        ({"generations": (3, -1)}, r"generations = \(3, -1\): expected two whole numbers"),
+        ({"amplitude": 0.3}, r"amplitude = 0.3: expected two bounds, such as \(0.1, 0.5\), or None"),
+        ({"frequency": ("0.3", "1")}, r"frequency = \('0.3', '1'\): expected two bounds"),
+    ],
+)
+def test_a_setting_of_another_kind_is_refused(wrong, message):
+    """Where it is made; a member of another name would stand for cables, and another symmetry for every wave."""
+    jaxtyping.config.update("jaxtyping_disable", True)  # which users do not have; of this test alone
+    with pytest.raises(InputError, match=message):
+        SearchConfig(**wrong)
 
 
 def test_a_distance_needs_no_common_period(exact):

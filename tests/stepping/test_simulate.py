@@ -39,6 +39,12 @@ def test_a_start_of_another_shape_is_refused(falling, name, shape):
     assert str(caught.value) == f"{name} has shape {shape}; expected (2, 3), a row for each node"
 
 
+def test_a_motion_that_fits_no_memory_is_refused():
+    """Such as one of a million million seconds."""
+    with pytest.raises(InputError, match=r"duration = 1e\+12 s: 1e\+14 frames at 100 a second; expected at most"):
+        frame_times(1e12, 100.0)
+
+
 @pytest.mark.parametrize("roll_out", [simulate, energy_audit, sensitivity, diagnose])
 @pytest.mark.parametrize("rate", [0.0, -10.0, float("nan"), float("inf")])
 def test_frame_rates_that_make_no_frames_are_refused(falling, roll_out, rate):

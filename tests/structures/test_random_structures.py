@@ -25,5 +25,5 @@ def test_the_seed_decides():
     first, again = random_tensegrity(4, 3), random_tensegrity(4, 3)
     np.testing.assert_array_equal(first.nodes, again.nodes)
     assert first.cables == again.cables
-    with pytest.raises(InputError, match="struts = 2: expected at least 3"):
+    with pytest.raises(InputError, match="struts = 2: expected a whole number, at least 3"):
         random_tensegrity(2)

@@ -228,9 +228,9 @@ def test_robots_stand(kind):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: hinged_spine(1), "vertebrae = 1: expected at least 2"),
+        (lambda: hinged_spine(1), "vertebrae = 1: expected a whole number, at least 2"),
         (lambda: hinged_spine(2, -0.1), "height = -0.1 m: expected a positive number"),
-        (lambda: quadruped(1), "vertebrae = 1: expected at least 2"),
+        (lambda: quadruped(1), "vertebrae = 1: expected a whole number, at least 2"),
         (lambda: quadruped(leg_mass=0.0), "leg_mass = 0 kg: expected a positive number"),
         (lambda: capped_robot(payload_mass=-1.0), "payload_mass = -1 kg: expected a positive number"),
         (lambda: superball(np.inf), "strut_length = inf m: expected a positive number"),
