@@ -118,18 +118,18 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
-@trade_off.figure()
+@trade_off.figure(4)
 def figure(record: Record, chart: Figure) -> None:
-    """Both fronts, and the gaits that were judged."""
-    axes = chart.subplots()
-    for k, (name, front) in enumerate(record["fronts"].items()):
-        look = {"color": f"C{k}", "marker": plot.MARKERS[k]}
-        axes.plot(
-            front["power"], front["fitness"], "-", color=f"C{k}", alpha=0.5, label=f"{name} robot: front, rough model"
-        )
+    """Each robot's front, and the gaits that were judged."""
+    panes = chart.subplots(1, len(record["fronts"]), sharey=True, squeeze=False)[0]
+    for axes, (name, front) in zip(panes, reversed(record["fronts"].items())):
+        axes.plot(front["power"], front["fitness"], "-", color="C0", alpha=0.5, label="front, rough model")
         rows = [row for row in record["rows"] if row["robot"] == name]
-        speeds, spread = ([row[each] for row in rows] for each in ("own", "own_deviation"))
-        label = f"{name} robot: {record['robots']} perturbed robots"
-        axes.errorbar([row["power"] for row in rows], speeds, spread, linestyle="", capsize=3, label=label, **look)
-    axes.set(xlabel="largest power of any motor, start included (W)", ylabel="speed (body lengths/s)", ylim=(0, None))
-    chart.legend(loc="outside upper center", ncols=2)
+        for k, (contact, each) in enumerate((("exact", "own"), ("penalty", "other"))):
+            speeds, spread = [row[each] for row in rows], [row[f"{each}_deviation"] for row in rows]
+            look = {"color": f"C{k}", "marker": plot.MARKERS[k], "markersize": 5, "linestyle": "", "capsize": 3}
+            label = f"{record['robots']} perturbed robots, {contact} contact"
+            axes.errorbar([row["power"] for row in rows], speeds, spread, label=label, **look)
+        axes.set(title=f"{name} robot", xlabel="largest power of any motor (W)", ylim=(0, None))
+    panes[0].set_ylabel("speed (body lengths/s)")
+    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
