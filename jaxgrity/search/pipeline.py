@@ -112,7 +112,8 @@ def search_gaits(
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
-        >>> config = jaxgrity.SearchConfig(duration=1.5, population=8, generations=(1, 1), polish=None)
+        >>> evaluation = jaxgrity.search.EvaluationConfig(robots=2)
+        >>> config = jaxgrity.SearchConfig(1.5, population=8, generations=(1, 1), evaluation=evaluation, polish=None)
         >>> result = jaxgrity.search_gaits(scene, config)
         >>> result.gait.phase.shape, bool(result.verdict.verified.error_bar[0] < 0.1)
         ((6,), True)
