@@ -52,15 +52,15 @@ class EvaluationConfig:
 
     def __post_init__(self):
         check_fields(self)
-        self.fitness()  # which refuses numbers that cannot be
+        self.fitness()  # it checks the numbers
 
     def fitness(self) -> Fitness:
-        """What these settings make of a generation: finalists are evaluated by more robots."""
+        """The fitness of the gaits of a generation. Finalists are evaluated by more robots."""
         return Fitness(self.objective, self.uncertainty, self.robots, self.caution, self.bounds)
 
 
 class _Grouped:
-    """Says where settings are that were no group's in 0.2.0. It goes with the next release."""
+    """Refuses names that settings had before there were groups, and says where they are. It goes with the next release."""
 
     def __new__(cls, *given, **named):
         for group, kind in {"space": SearchSpace, "evaluation": EvaluationConfig}.items():

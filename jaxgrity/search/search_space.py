@@ -86,10 +86,11 @@ def with_actuated(scene: Scene, space: SearchSpace) -> Scene:
 
 
 def genome_of(scene: Scene, space: SearchSpace, fitness: Fitness) -> Genome:
-    """The genome of gaits that vary so, on a scene with a gait.
+    """The genome of a search on a scene with a gait.
 
-    The objective decides which gaits are the same, and the bound on the rate, with what is uncertain, how strong they
-    may be. Raises `InputError` where a gait cannot do what the fitness asks for.
+    The objective decides which gaits are the same. The bound on the rate decides how strong gaits may be. Raises
+    `InputError` for a scene without a gait, gaits without a common period for a steady objective, and amplitudes that
+    reach 1 on perturbed robots.
     """
     gait, objective = scene.gait, fitness.objective
     if gait is None:
