@@ -60,7 +60,7 @@ class EvaluationConfig:
 
 
 class _Grouped:
-    """Refuses names that settings had before there were groups, and says where they are. It goes with the next release."""
+    """Says where a setting is that 0.2.0 had outside of the groups. It goes with the next release."""
 
     def __new__(cls, *given, **named):
         for group, kind in {"space": SearchSpace, "evaluation": EvaluationConfig}.items():
@@ -156,8 +156,10 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
 
 
 def plain_config(config: SearchConfig) -> dict[str, Any]:
-    """The config as it goes into a JSON file, flat as the options of the command: an objective, say, by its class and
-    what it holds."""
+    """The config as it goes into a JSON file, flat as the options of the command.
+
+    Objectives, bounds and uncertainties have their class as `kind`.
+    """
 
     def plain(value: Any) -> Any:
         if isinstance(value, PolishConfig):
