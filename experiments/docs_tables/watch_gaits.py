@@ -6,9 +6,10 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from jaxgrity import InputError, SearchConfig, gait_names, load_gait, load_scene, rolling, simulate, with_gait
+from jaxgrity import InputError, gait_names, load_gait, load_scene, rolling, simulate, with_gait
 from jaxgrity.io.files import read_text, save_json
 from jaxgrity.report import steady_facts
+from jaxgrity.search import EvaluationConfig
 
 SEED = 10**6
 """of the draws of robots: as in the last judgement of a search"""
@@ -40,7 +41,7 @@ def main(settings: Settings) -> None:
         scene = with_gait(load_scene(record["scene"]), load_gait(path))
         asked = record["settings"]["objective"]
         heading = asked["heading"] if asked["kind"] == "steady direction" else None
-        uncertain = SearchConfig().uncertainty
+        uncertain = EvaluationConfig().uncertainty
         steady = steady_facts(scene, uncertain, duration=settings.duration, seed=SEED, heading=heading)
         trajectory = simulate(scene, record["duration"], frame_rate=FRAME_RATE)
         save_json(path, record | {"steady": steady, "motion": rolling(scene, trajectory).summary()})

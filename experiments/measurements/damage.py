@@ -56,7 +56,8 @@ def damage(
     check_names("cases", cases, every)
     robots = {"intact": scene} | {name: every[name] for name in cases or every}
     library = known_gaits(scene, symmetries(scene.structure)[:images])
-    configs = {way: SearchConfig(duration, population, (generations, 0), **SEARCHES[way]) for way in SEARCHES}
+    size = duration, population, (generations, 0)
+    configs = {way: SearchConfig(*size, space=space) for way, space in SEARCHES.items()}
     for number, (name, robot) in enumerate(robots.items()):
         found[name] = recover(scene, robot, (library, gait), configs, (seed, seed + number))
         yield {"robot": name, **found[name]}

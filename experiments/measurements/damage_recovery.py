@@ -28,6 +28,7 @@ from jaxgrity import (
 from jaxgrity.model import image
 from jaxgrity.search import (
     FidelityLevel,
+    SearchSpace,
     distinct,
     evolve_through,
     fidelity_levels,
@@ -36,9 +37,12 @@ from jaxgrity.search import (
     search_problem,
 )
 
-CABLES = {"members": "cables", "waves": "none", "scaled": True, "amplitude": (0.05, 0.7), "frequency": (0.2, 2.5)}
-SEARCHES: dict[str, dict[str, Any]] = {"wave": {}, "free": {"waves": "none"}, "cables, scaled": CABLES}
-"""what each search of a robot may vary, and how"""
+SEARCHES = {
+    "wave": SearchSpace(),
+    "free": SearchSpace(waves="none"),
+    "cables, scaled": SearchSpace("cables", waves="none", amplitude=(0.05, 0.7), frequency=(0.2, 2.5)),
+}
+"""what each search of a robot may vary"""
 WAYS = ("as it was", "library", *SEARCHES)
 FINALISTS, TRIES, ROBOTS, UNSEEN = 8, 16, 64, 10**6
 """gaits of a search that are compared, and the robots by which; those of the last judgement, and what is added to the
@@ -142,9 +146,10 @@ def recover(
 
 def evolved(intact: Scene, robot: Scene, config: SearchConfig, seed: int) -> Gait:
     """The finalists of a search of the robot, of every member."""
-    if config.members == "cables":
+    if config.space.members == "cables":
         robot = of_cables(robot)
-    whole = intact if config.waves == "every" else robot  # waves follow from rotations, of which damage leaves none
+    # waves follow from rotations, of which damage leaves none
+    whole = intact if config.space.waves == "every" else robot
     problem = search_problem(whole, config)._replace(scene=robot)
     rough = fidelity_levels(robot, force_bounds=False).screening
     (search,) = evolve_through((rough,), problem, ga_configs(config, 1), seed=seed)

@@ -12,7 +12,7 @@ from measurements.pages import columns
 
 from jaxgrity import ActuatorBounds, SearchConfig, centre_path, load_scene, search_gaits, simulate
 from jaxgrity.report import plot
-from jaxgrity.search import JumpHeight
+from jaxgrity.search import EvaluationConfig, JumpHeight, SearchSpace
 from jaxgrity.stepping import resolve
 
 RATES = (1.0, 2.0, 4.0)
@@ -45,16 +45,12 @@ def jumps(
     scene = load_scene("exact")
     for rate in rates:
         config = SearchConfig(
-            objective=JumpHeight(),
-            bounds=ActuatorBounds(rate=rate),
             duration=duration,
             population=population,
             generations=generations,
             seed=seed,
-            waves="none",
-            frequency=(0.3, 4.0),
-            both_models=False,
-            attracting=False,
+            space=SearchSpace(waves="none", frequency=(0.3, 4.0)),
+            evaluation=EvaluationConfig(JumpHeight(), ActuatorBounds(rate=rate), both_models=False, attracting=False),
             polish=None,
         )
         found = search_gaits(scene, config)

@@ -31,7 +31,7 @@ from jaxgrity.io.files import save_json
 from jaxgrity.model import body_length, image, symmetries
 from jaxgrity.orbits import find_orbit, stability
 from jaxgrity.report import plot
-from jaxgrity.search import Repertoire, RepertoireConfig, search_problem
+from jaxgrity.search import EvaluationConfig, Repertoire, RepertoireConfig, SearchSpace, search_problem
 from jaxgrity.search import repertoire as fill_cells
 
 ASKED = {"straight": (0.6, 0.0), "left": (0.5, 0.6), "right": (0.5, -0.6), "slow": (0.25, 0.0), "fast": (1.2, 0.0)}
@@ -71,7 +71,8 @@ def repertoire(
         seed: of all draws
     """
     scene = load_scene("exact")
-    problem = search_problem(scene, SearchConfig(duration, waves="axis", robots=ROBOTS))
+    space, evaluation = SearchSpace(waves="axis"), EvaluationConfig(robots=ROBOTS)
+    problem = search_problem(scene, SearchConfig(duration, space=space, evaluation=evaluation))
     config = RepertoireConfig(drawn=drawn, batch=batch, rounds=rounds)
     with tqdm(total=rounds + 1, unit="round") as bar:
         options = SolverOptions(dt=0.01, dtype="float32")

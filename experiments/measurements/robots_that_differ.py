@@ -9,10 +9,10 @@ import numpy as np
 from measurements.measurement import Figure, Record, measurement
 from measurements.pages import columns, whole_zero
 
-from jaxgrity import SearchConfig, SolverOptions, contact_twin, gait_record, load_gait, load_scene, with_gait
+from jaxgrity import SolverOptions, contact_twin, gait_record, load_gait, load_scene, with_gait
 from jaxgrity.model import body_length
 from jaxgrity.report import plot
-from jaxgrity.search import RobotMotions, robot_motions
+from jaxgrity.search import EvaluationConfig, RobotMotions, robot_motions
 
 SEED = 20_000_000
 """far from those of searches: by these draws no gait was chosen"""
@@ -39,7 +39,7 @@ def robots_that_differ(
         orbit = gait_record(name)["steady"]["speed"]
         for scene in (own, contact_twin(own)):
             contact = "exact" if scene.constrained else "penalty"
-            uncertain = SearchConfig().uncertainty
+            uncertain = EvaluationConfig().uncertainty
             found = robot_motions(scene, uncertain, robots=robots, duration=duration, seed=SEED, options=OPTIONS)
             size = float(body_length(scene))
             known = {"gait": name, "contact": contact, "own": scene is own}

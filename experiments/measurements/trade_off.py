@@ -14,7 +14,15 @@ from measurements.pages import columns
 
 from jaxgrity import GAConfig, SearchConfig, SearchProblem, contact_twin, load_scene, simulate_population
 from jaxgrity.report import plot
-from jaxgrity.search import fidelity_levels, judge_at, pareto_front, search_problem, with_robots, without_force_bounds
+from jaxgrity.search import (
+    SearchSpace,
+    fidelity_levels,
+    judge_at,
+    pareto_front,
+    search_problem,
+    with_robots,
+    without_force_bounds,
+)
 
 LEAST_SPEED = 0.1
 """Least fitness of a front, body lengths/s: slower gaits hardly travel."""
@@ -51,7 +59,9 @@ def trade_off(
     """
     fronts = {}
     for name, scene in ROBOTS.items():
-        problem = search_problem(load_scene(scene), SearchConfig(duration, population, overtones=OVERTONES))
+        problem = search_problem(
+            load_scene(scene), SearchConfig(duration, population, space=SearchSpace(overtones=OVERTONES))
+        )
         best = max(1, population // 4)
         ga = GAConfig(
             population,

@@ -19,6 +19,7 @@ from measurements.pages import by_name, table
 
 from jaxgrity import GAConfig, InputError, SearchConfig, SearchProblem, contact_twin, evolve, load_scene
 from jaxgrity.search import (
+    SearchSpace,
     distinct,
     fidelity_levels,
     ga_configs,
@@ -84,7 +85,8 @@ def lasting_baselines(
     judges, judged_for = (JUDGES, JUDGED_FOR) if gaits > FEW else (8, duration)
     for freedom, seed, method in product(freedoms, range(seeds), methods):
         waves, overtones = "none" if freedom == "free" else "every", OVERTONES * (freedom == "waves with overtones")
-        problem = search_problem(scene, SearchConfig(duration, population, waves=waves, overtones=overtones))
+        space = SearchSpace(waves=waves, overtones=overtones)
+        problem = search_problem(scene, SearchConfig(duration, population, space=space))
         genes = chosen(problem, searches[method](problem, size, DRAWS * (seed + 1)), DRAWS * (seed + 1))
         known = {"freedom": freedom, "method": method, "seed": seed}
         answers.append(known | judged(problem, genes, judges, judged_for))
@@ -183,9 +185,8 @@ def cma_es(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
 
 def genetic(problem: SearchProblem, size: Size, seed: int, crossover: float = 1.0) -> np.ndarray:
     """The GA as the default search screens, with this share of children of two parents."""
-    config = SearchConfig(population=size.population)
     count = size.gaits // size.population - DRAWN + 1
-    ga: GAConfig = ga_configs(SearchConfig(population=config.population, generations=(count, 0)), 1)[0]
+    ga: GAConfig = ga_configs(SearchConfig(population=size.population, generations=(count, 0)), 1)[0]
     options = fidelity_levels(problem.scene).screening.options
     ga = replace(ga, crossover=crossover)
     return distinct(evolve(plain(problem), ga, options=options, seed=seed).last, problem.genome, FINALISTS)

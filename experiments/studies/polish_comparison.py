@@ -93,12 +93,12 @@ def polish_comparison(
         searches = evolve_through(searched, plain, configs, seed=seed, on_generation=states.__setitem__)
         start = compared(plain, levels.own, distinct(searches[-1].last, plain.genome, FINALISTS), seed)
         begun = Begun(start, states[max(states)], configs[-1])
-        genome, wider = genome_to_polish(plain, start, config)
+        genome, wider = genome_to_polish(plain, start, PolishConfig())
         shaped = plain._replace(genome=genome)
         found = {"start": (wider, {})}
         for way in WAYS:
             if way == "search runs on":
-                genes = genome_to_polish(plain, runs_on(plain, levels.own, begun, rollouts, seed), config)[1]
+                genes = genome_to_polish(plain, runs_on(plain, levels.own, begun, rollouts, seed), PolishConfig())[1]
                 found[way] = genes, {}
             elif way == "search with overtones":
                 shaping = begun._replace(genes=wider, state=wider_state(shaped, begun.state))

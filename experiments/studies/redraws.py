@@ -18,7 +18,6 @@ from jaxgrity import (
     Fitness,
     Gait,
     Scene,
-    SearchConfig,
     SolverOptions,
     SteadySpeed,
     contact_twin,
@@ -29,7 +28,7 @@ from jaxgrity import (
 )
 from jaxgrity.orbits import find_orbit, stability
 from jaxgrity.report import plot
-from jaxgrity.search import Judging, influences, judge, model_of, robot_motions, standard_error
+from jaxgrity.search import EvaluationConfig, Judging, influences, judge, model_of, robot_motions, standard_error
 
 COVERING = 2.0
 """standard errors in a range"""
@@ -94,7 +93,7 @@ def pair_of(gaits: list[Gait]) -> Gait:
 
 def judged(scene: Scene, pair: Gait, draws: int, robots: int, duration: float) -> np.ndarray:
     """(draws, gaits, robots), steady speeds, body lengths/s."""
-    fitness = Fitness(SteadySpeed(), SearchConfig().uncertainty, robots, CAUTION)
+    fitness = Fitness(SteadySpeed(), EvaluationConfig().uncertainty, robots, CAUTION)
     seeds = tqdm(range(draws), unit="ensemble", leave=False)
     model = model_of(scene, duration, SolverOptions(dtype="float32"))
     judging = Judging((model,), duration, fitness)
@@ -103,7 +102,7 @@ def judged(scene: Scene, pair: Gait, draws: int, robots: int, duration: float) -
 
 def along_its_path(scene: Scene, draws: int, robots: int, duration: float) -> Redrawn:
     """The mean that records and `robot_motions` have, of each draw, with its range, and what all robots say; m/s."""
-    uncertainty = SearchConfig().uncertainty
+    uncertainty = EvaluationConfig().uncertainty
     asked = {"robots": robots, "duration": duration, "options": SolverOptions(dtype="float32")}
     seeds = tqdm(range(draws), desc="along its path", unit="ensemble", leave=False)
     found = [robot_motions(scene, uncertainty, seed=seed, **asked).summary() for seed in seeds]

@@ -20,7 +20,8 @@ from jaxgrity.search.checkpoint import holds_unfinished, left_over
 from jaxgrity.search.objectives import ActuatorBounds, Objective, find_objective
 from jaxgrity.search.pipeline import Progress, SearchResult, search_gaits
 from jaxgrity.search.polish_config import PolishConfig
-from jaxgrity.search.search_config import SearchConfig
+from jaxgrity.search.search_config import EvaluationConfig, SearchConfig
+from jaxgrity.search.search_space import SearchSpace
 from jaxgrity.statics.describe import describe
 
 
@@ -38,14 +39,17 @@ def objective_of(settings: ObjectiveSettings) -> Objective:
 
 def config_of(settings: SearchSettings) -> SearchConfig:
     """The configuration of the search. Raises `InputError` for an unknown objective."""
-    known = {part.name for part in dataclasses.fields(SearchConfig)}
-    same: dict[str, Any] = {name: value for name, value in vars(settings).items() if name in known}
-    asked = settings.objective
-    same["objective"] = objective_of(asked)
-    same["bounds"] = ActuatorBounds(asked.largest_rate, asked.largest_force, asked.largest_power)
-    same["uncertainty"] = Uncertainty(**vars(settings.uncertainty))
-    same["polish"] = polish_of(settings)
-    return SearchConfig(**same)
+    asked, given = settings.objective, dict(vars(settings))
+    given["objective"] = objective_of(asked)
+    given["bounds"] = ActuatorBounds(asked.largest_rate, asked.largest_force, asked.largest_power)
+    given["uncertainty"] = Uncertainty(**vars(settings.uncertainty))
+    given["polish"] = polish_of(settings)
+
+    def group(kind: type) -> Any:
+        return kind(**{part.name: given[part.name] for part in dataclasses.fields(kind)})
+
+    given |= {"space": group(SearchSpace), "evaluation": group(EvaluationConfig)}
+    return group(SearchConfig)
 
 
 def polish_of(settings: SearchSettings) -> PolishConfig | None:
@@ -112,9 +116,9 @@ def replaced_words(settings: SearchSettings) -> str:
 
 def standstill_words(scene: Scene, config: SearchConfig) -> str:
     """That the objective counts time before the gait is in full swing, in words; none where it does not."""
-    if scene.gait is None or not config.objective.steady:
+    if scene.gait is None or not config.evaluation.objective.steady:
         return ""
-    ramp = scene.gait.ramp if config.ramp is None else config.ramp
+    ramp = scene.gait.ramp if config.space.ramp is None else config.space.ramp
     late = late_words(float(scene.gait.start + ramp), config.duration)
     return f"The objective {late}.\n\n" if late else ""
 

@@ -10,7 +10,7 @@ class InputError(ValueError):
 
 def unknown(name: str, known: Iterable[str]) -> str:
     """The word "unknown" for a message, with the known name closest to `name`, if one is close."""
-    nearest = difflib.get_close_matches(name, list(known), n=1)
+    nearest = difflib.get_close_matches(str(name), list(known), n=1)
     return f"unknown; perhaps you meant {nearest[0]}" if nearest else "unknown"
 
 

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.tracing import traced
 
 PACKAGE = __name__.partition(".")[0]
@@ -103,9 +103,11 @@ def _refusal(name: str, value: Any, kinds: tuple[type, ...], others: dict[str, A
 
 
 def check_fields(module: Any) -> None:
-    """Raises `InputError` for a field with a value of another class: for `__check_init__`."""
+    """Raises `InputError` for a field with a value of another class, or none of its words: for `__check_init__`."""
     for field in dataclasses.fields(module):
         value, kinds = getattr(module, field.name), kinds_of(field.type)
+        if typing.get_origin(field.type) is typing.Literal:
+            check_known(field.name, value, typing.get_args(field.type))
         if not _fits(value, kinds or (object,)):
             raise InputError(f"{type(module).__name__}: {_refusal(field.name, value, kinds, {})}")
 

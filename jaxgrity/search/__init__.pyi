@@ -23,13 +23,15 @@ from .pipeline import Progress
 from .polish_config import check_polish
 from .promotion import Agreement, Promoted
 from .repertoires import Repertoire, RepertoireConfig, repertoire
-from .search_config import ga_configs, genome_to_polish, search_problem
+from .search_config import EvaluationConfig, ga_configs, search_problem
+from .search_space import SearchSpace, genome_to_polish
 
 __all__ = [
     "OBJECTIVES",
     "Agreement",
     "Checkpoint",
     "ClimbStep",
+    "EvaluationConfig",
     "EvolutionState",
     "FidelityLevel",
     "FidelityLevels",
@@ -44,6 +46,7 @@ __all__ = [
     "RobotMotions",
     "RolloutModel",
     "Scores",
+    "SearchSpace",
     "Verdict",
     "check_polish",
     "checkpointed_end",

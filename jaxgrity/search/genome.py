@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jaxgrity.core.arguments import check_count, check_number
+from jaxgrity.core.arguments import check_count, check_number, is_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone, peak_rates, ramp_rates, waves_ahead
@@ -56,10 +56,8 @@ class Genome(eqx.Module):
     """time in which gaits reach their full amplitude, s; None: that of the scene's gait"""
 
     def __check_init__(self):
-        for name, top in (("amplitude", 1.0), ("frequency", math.inf)):
-            bounds = getattr(self, name)
-            if bounds is not None and not 0 <= bounds[0] < bounds[1] < top:
-                raise InputError(f"{name} = {bounds}: expected two ascending bounds from 0 on, below {top:g}")
+        check_bounds("amplitude", self.amplitude, 1.0)
+        check_bounds("frequency", self.frequency)
         check_count("actuators", self.actuators, 1)
         check_count("overtones", self.overtones, 0)
         if self.ramp is not None:
@@ -211,6 +209,16 @@ class Genome(eqx.Module):
             rows.append(first + (np.array(image) if name != "frequency" else np.arange(count)))
             first += count
         return np.concatenate(rows)
+
+
+def check_bounds(name: str, bounds: tuple[float, float] | None, top: float = math.inf) -> None:
+    """Raise `InputError` for bounds of a quantity with genes that are no two numbers, or do not ascend from 0 to below
+    `top`."""
+    if bounds is None:
+        return
+    pair = isinstance(bounds, tuple) and len(bounds) == 2 and all(map(is_number, bounds))
+    if not pair or not 0 <= bounds[0] < bounds[1] < top:
+        raise InputError(f"{name} = {bounds}: expected two ascending bounds from 0 on, below {top:g}")
 
 
 def _overtone(h: int, phase: AnyArray, sine: AnyArray, cosine: AnyArray) -> Overtone:

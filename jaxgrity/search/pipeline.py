@@ -29,15 +29,8 @@ from jaxgrity.search.judging import without_force_bounds
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish import Polished, kept_or_undone, polish
 from jaxgrity.search.promotion import Promoted, promote
-from jaxgrity.search.search_config import (
-    SearchConfig,
-    ga_configs,
-    genome_to_polish,
-    plain_config,
-    search_problem,
-    with_actuated,
-    without_idle,
-)
+from jaxgrity.search.search_config import SearchConfig, ga_configs, plain_config, search_problem
+from jaxgrity.search.search_space import genome_to_polish, with_actuated, without_idle
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import resolve
 from jaxgrity.stepping.step_limits import default_step
@@ -102,7 +95,7 @@ def search_gaits(
 
     Args:
         scene: a scene with a gait. What the search does not vary stays as in this gait.
-        config: settings of the search: duration, population, objective, uncertainty and so on.
+        config: settings of the search: duration, population, what varies, how gaits are evaluated, and so on.
         folder: folder for the states of the search and its last population; by default nothing is saved.
         resume: whether to continue the search in the folder; scene and config must be the same.
         restart: whether to start again if the folder holds an unfinished search.
@@ -119,7 +112,8 @@ def search_gaits(
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
-        >>> config = jaxgrity.SearchConfig(duration=1.5, population=8, generations=(1, 1), robots=2, polish=None)
+        >>> evaluation = jaxgrity.search.EvaluationConfig(robots=2)
+        >>> config = jaxgrity.SearchConfig(1.5, population=8, generations=(1, 1), evaluation=evaluation, polish=None)
         >>> result = jaxgrity.search_gaits(scene, config)
         >>> result.gait.phase.shape, bool(result.verdict.verified.error_bar[0] < 0.1)
         ((6,), True)
@@ -176,9 +170,9 @@ def _begun(
     """Prepare a search, and lock its folder. Refuses settings that a later stage could not use."""
     if (resume or restart) and folder is None:
         raise InputError("resume, restart: there is no folder to find a search in; expected folder")
-    scene = with_actuated(scene, config.members)
+    scene = with_actuated(scene, config.space)
     problem = search_problem(scene, config)
-    levels = fidelity_levels(scene, config.dt, config.both_models, force_bounds=not config.wide)
+    levels = fidelity_levels(scene, config.dt, config.evaluation.both_models, force_bounds=not config.wide)
     _refuse_unusable(levels, config)
     with ExitStack() as held:
         checkpoint = None
@@ -260,7 +254,7 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         done += 1
         search.tell(Progress("polishing", done, None, {"fitness": step.fitness}))
 
-    genome, starts = genome_to_polish(search.problem, promoted.genes, config)
+    genome, starts = genome_to_polish(search.problem, promoted.genes, config.polish)
     problem = search.without_force_bounds._replace(genome=genome)
     found = polish(
         problem,
@@ -280,7 +274,7 @@ def _best(search: _Search, promoted: Promoted, polished: Polished | None) -> Gai
     if polished is not None and polished.improved:
         genome, genes = polished.genome, polished.genes
     gait = one_gait(genome.gaits(search.problem.scene.gait, genes[None]), 0)
-    return gait if search.config.active is None else without_idle(gait)
+    return gait if search.config.space.active is None else without_idle(gait)
 
 
 @_timed("verifying")

@@ -26,7 +26,7 @@ from jaxgrity.search.genome import Genome
 from jaxgrity.search.judging import Judging, Scores, judge
 from jaxgrity.search.objectives import INSIDE
 from jaxgrity.search.polish_config import PolishConfig, judges_of_a_step
-from jaxgrity.search.search_config import with_longest_cables
+from jaxgrity.search.search_space import with_longest_cables
 from jaxgrity.stepping.options import ResolvedOptions
 
 TANGENT = 3.5

@@ -93,8 +93,10 @@ def promote(
     agreement = Agreement(tried, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
     excess = excess_at(levels.own, genes, problem, bounds)
     best = np.lexsort((-scores[-1].merit[:first], excess))[: max(FINALISTS, wanted)]
-    finals = _finals(problem, levels.decisive, genes[best], config)
-    multipliers = multipliers_of(problem, genes[best], 2 * levels.verification.dt) if config.attracting else None
+    finals = _finals(problem, levels.decisive, genes[best], config.seed)
+    multipliers = None
+    if config.evaluation.attracting:
+        multipliers = multipliers_of(problem, genes[best], 2 * levels.verification.dt)
     repels = np.zeros(len(best), bool) if multipliers is None else multipliers >= 1
     order = np.lexsort((-finals.merit, repels, excess[best]))
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
@@ -139,8 +141,8 @@ def _multiplier(scene: Scene, dt: float) -> float:
     return stability(scene, orbit, options=options).largest if orbit.settled else np.inf
 
 
-def _finals(problem: SearchProblem, level: FidelityLevel, genes: Genes, config: SearchConfig) -> Scores:
+def _finals(problem: SearchProblem, level: FidelityLevel, genes: Genes, seed: int) -> Scores:
     """The finalists' scores by `FINALIST_ROBOTS` times as many robots as in a generation, where robots differ."""
-    robots = config.robots * (FINALIST_ROBOTS if config.robots > 1 else 1)
-    judging = level.judging(problem.duration, problem.fitness).with_robots(robots)
-    return judge(jax.random.key(config.seed + 3), judging, problem.genome.gaits(problem.scene.gait, genes))
+    few = problem.fitness.robots
+    judging = level.judging(problem.duration, problem.fitness).with_robots(few * FINALIST_ROBOTS if few > 1 else 1)
+    return judge(jax.random.key(seed + 3), judging, problem.genome.gaits(problem.scene.gait, genes))

@@ -121,7 +121,8 @@ def repertoire(
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
-        >>> problem = jaxgrity.search.search_problem(scene, jaxgrity.SearchConfig(duration=1.5, waves="axis"))
+        >>> space = jaxgrity.search.SearchSpace(waves="axis")
+        >>> problem = jaxgrity.search.search_problem(scene, jaxgrity.SearchConfig(duration=1.5, space=space))
         >>> config = jaxgrity.search.RepertoireConfig(drawn=8, batch=4, rounds=1)
         >>> found = jaxgrity.search.repertoire(problem, config, options=jaxgrity.SolverOptions(dt=0.01))
         >>> found.speed.shape

@@ -37,7 +37,7 @@ from jaxgrity.cli.search import replaced_words, standstill_words
 from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.formats import load_trajectory
-from jaxgrity.search import Progress, robot_motions
+from jaxgrity.search import EvaluationConfig, Progress, robot_motions
 
 ROOT = Path(__file__).parents[2]
 ANSWERS = json.loads((ROOT / "tests" / "data" / "reference_answers.json").read_text())
@@ -361,7 +361,7 @@ def test_a_search_says_before_it_begins_that_its_gaits_are_late():
         "The objective counts the time from 5 s on, but the gait is in full swing from 10.8 s on: search with a "
         "duration of 43 s or more.\n\n"
     )
-    assert standstill_words(late, SearchConfig(duration=20.0, objective=Distance())) == ""
+    assert standstill_words(late, SearchConfig(duration=20.0, evaluation=EvaluationConfig(Distance()))) == ""
     assert standstill_words(late, SearchConfig(duration=43.0)) == ""
     for name in ("exact", "reference", "uphill"):
         assert standstill_words(load_scene(name), SearchConfig(duration=8.0)) == "", name

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxgrity
-from jaxgrity import control, model
+from jaxgrity import control, model, search
 
 ANY, POSITIVE, NOT_NEGATIVE, COUNT, INDEX, OTHER = "any number", "positive", "not negative", "count", "index", "other"
 """Kinds of fields: finite real numbers, whole numbers from 1 and from 0 on, and what holds no numbers."""
@@ -316,7 +316,6 @@ EXAMPLES = [
     ),
     _of(
         jaxgrity.SearchConfig,
-        ramp=(0.5, POSITIVE),
         duration=(40.0, POSITIVE),
         population=(16, COUNT),
         generations=((2, 2), OTHER),
@@ -324,13 +323,23 @@ EXAMPLES = [
         wide=(True, OTHER),
         dt=(1e-3, POSITIVE),
         seed=(0, INDEX),
+        space=(search.SearchSpace(), OTHER),
+        evaluation=(search.EvaluationConfig(), OTHER),
+        polish=(None, OTHER),
+    ),
+    _of(
+        search.SearchSpace,
         members=("scene", OTHER),
         active=(2, COUNT),
         amplitude=((0.1, 0.2), OTHER),
         scaled=(False, OTHER),
         frequency=((0.1, 0.2), OTHER),
+        ramp=(0.5, POSITIVE),
         waves=("every", OTHER),
         overtones=(0, INDEX),
+    ),
+    _of(
+        search.EvaluationConfig,
         objective=(jaxgrity.SteadySpeed(), OTHER),
         bounds=(jaxgrity.ActuatorBounds(), OTHER),
         uncertainty=(jaxgrity.Uncertainty(phase=0.1), OTHER),
@@ -338,7 +347,6 @@ EXAMPLES = [
         caution=(1.0, NOT_NEGATIVE),
         both_models=(True, OTHER),
         attracting=(True, OTHER),
-        polish=(None, OTHER),
     ),
     _of(
         control.LearningConfig,

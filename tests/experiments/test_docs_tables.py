@@ -11,8 +11,9 @@ import pytest
 from measurements import keep_gait, update_docs
 from measurements.pages import filled, laid_out, rounded, save_compact, table
 
-from jaxgrity import InputError, SearchConfig, gait_record, load_gait
+from jaxgrity import InputError, gait_record, load_gait
 from jaxgrity.cli.search_settings import UncertaintySettings
+from jaxgrity.search import EvaluationConfig
 
 ROOT = Path(__file__).parents[2]
 MEASURED = ROOT / "docs" / "measured"
@@ -79,7 +80,7 @@ def test_half_widths_of_the_page_are_the_defaults():
     page = (ROOT / "docs" / "search.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\|.*\| `--uncertainty\.(\S+)` \| ([\d.]+)", page, re.MULTILINE)
     written = {name.replace("-", "_"): float(value) for name, value in rows}
-    assert written == vars(SearchConfig().uncertainty) == vars(UncertaintySettings())
+    assert written == vars(EvaluationConfig().uncertainty) == vars(UncertaintySettings())
 
 
 def test_measured_files_hold_what_pages_quote():

@@ -43,7 +43,16 @@ from jaxgrity import (
 )
 from jaxgrity.orbits import find_orbit, stability
 from jaxgrity.report.measuring import actuators, directions
-from jaxgrity.search import OBJECTIVES, Progress, find_objective, judge_at, load_states, without_force_bounds
+from jaxgrity.search import (
+    OBJECTIVES,
+    EvaluationConfig,
+    Progress,
+    SearchSpace,
+    find_objective,
+    judge_at,
+    load_states,
+    without_force_bounds,
+)
 from jaxgrity.search.fidelity import excess_at
 from jaxgrity.search.genetic_algorithm import distinct
 from jaxgrity.search.judging import standard_error, with_robots
@@ -76,18 +85,18 @@ def config():
         duration=1.5,
         population=4,
         generations=(2, 1),
-        robots=2,
-        objective=objective,
-        bounds=ActuatorBounds(),
-        uncertainty=Uncertainty(phase=0.03),
-        caution=0.0,
-        amplitude=None,
-        frequency=None,
-        waves="none",
-        both_models=False,
         wide=False,
+        space=SearchSpace(amplitude=None, frequency=None, waves="none"),
+        evaluation=EvaluationConfig(
+            objective, ActuatorBounds(), Uncertainty(phase=0.03), robots=2, caution=0.0, both_models=False
+        ),
         polish=PolishConfig(128, robots=4, final_robots=128),
     )
+
+
+def evaluating(config: SearchConfig, **changes) -> SearchConfig:
+    """The same search with another evaluation."""
+    return dataclasses.replace(config, evaluation=dataclasses.replace(config.evaluation, **changes))
 
 
 class Whole(NamedTuple):
@@ -154,7 +163,7 @@ def assert_same(mine: Any, its: Any) -> None:
 def test_a_search_ends_with_a_verified_gait(exact, config, whole):
     """Found for the objective that it was asked for, from the population that it left."""
     result = whole.result
-    assert result.problem.fitness.objective == config.objective
+    assert result.problem.fitness.objective == config.evaluation.objective
     assert eqx.tree_equal(result.scene, with_gait(exact, result.gait))
     assert [level.name for level in result.levels.compared] == ["screening", "own model", "verification"]
     assert [search.rollouts for search in result.searches] == [4 * 2 * 2]
@@ -188,7 +197,7 @@ def test_the_best_few_are_compared_over_many_robots(config, whole):
     agreement, finals = result.promoted.agreement, result.promoted.finals
     evolved = distinct(result.searches[0].last, result.problem.genome, 16)
     few = min(4, len(evolved))
-    assert finals.each.shape == (few, 16 * config.robots)
+    assert finals.each.shape == (few, 16 * config.evaluation.robots)
     assert np.all(np.diff(finals.fitness) <= 0)
     best = evolved[np.argsort(-agreement.fitness[-1, : len(evolved)])[:few]]
     assert any(np.array_equal(result.promoted.genes[0], genes) for genes in best)
@@ -208,9 +217,9 @@ def test_a_gait_whose_orbit_attracts_comes_first(config, whole, monkeypatch):
     """Before those that are worth more by their robots, whose orbit repels, or that settle on none."""
     told = lambda scene, gaits, dt: np.where(np.arange(len(gaits.phase)) % 2, 0.5, 1.5)  # noqa: E731
     monkeypatch.setattr("jaxgrity.search.promotion.orbit_multipliers", told)
-    found, fitness = whole.result, Fitness(SteadilySideways(), config.uncertainty, config.robots)
+    found, fitness = whole.result, evaluating(config, objective=SteadilySideways()).evaluation.fitness()
     problem, silent = found.problem._replace(fitness=fitness), lambda done, total, facts: None
-    promoted = promote(problem, config.bounds, found.levels, found.searches[0], config, silent)
+    promoted = promote(problem, config.evaluation.bounds, found.levels, found.searches[0], config, silent)
     attracts = promoted.multipliers < 1
     assert set(attracts) == {True, False}
     np.testing.assert_array_equal(attracts, np.sort(attracts)[::-1])
@@ -250,7 +259,8 @@ def test_on_an_incline_the_distance_is_the_horizontal_one_of_a_finer_rollout(exa
     ground = ExactGround(0.15)
     structure = dataclasses.replace(exact.structure, nodes=ground.set_down(exact.structure.nodes, -0.02))
     scene = dataclasses.replace(exact, ground=ground, structure=structure)
-    config = dataclasses.replace(config, objective=Distance(), generations=(1,), uncertainty=Uncertainty(friction=1e-6))
+    config = evaluating(config, objective=Distance(), uncertainty=Uncertainty(friction=1e-6))
+    config = dataclasses.replace(config, generations=(1,))
     result = search_gaits(scene, config)
     verified, robust = result.verdict.verified, result.verdict.robust.each[0]
     finer = centre_path(result.scene, simulate(result.scene, config.duration, options=SolverOptions(dt=6.25e-4)))
@@ -313,7 +323,7 @@ def test_a_search_is_resumed_with_its_own_config_and_scene_alone(exact, config, 
     """Others are refused in one line that says what differs; what was saved stays."""
     folder = interrupted("evolving", 1)
     with pytest.raises(InputError, match=r"its run has robots = 2, not 3; expected the same to resume it$"):
-        search_gaits(exact, dataclasses.replace(config, robots=3), folder=folder, resume=True)
+        search_gaits(exact, evaluating(config, robots=3), folder=folder, resume=True)
     heavier = eqx.tree_at(lambda s: s.structure.node_mass, exact, 2 * exact.structure.node_mass)
     with pytest.raises(InputError, match=r"its run has fingerprint of the scene = \w+, not \w+; expected"):
         search_gaits(heavier, config, folder=folder, resume=True)
@@ -372,7 +382,7 @@ def test_a_random_structure_can_be_searched(exact, config):
     one = np.ones(5)
     gait = Gait((0, 1, 2, 3, 4), 0 * one, 0.1 * one, 0.8 * one, 0.1, 0.2)
     scene = dataclasses.replace(exact, structure=body, gait=gait, node_damping=np.full(10, 0.5))
-    result = search_gaits(scene, dataclasses.replace(config, objective=Distance(), polish=None))
+    result = search_gaits(scene, dataclasses.replace(evaluating(config, objective=Distance()), polish=None))
     end = simulate(
         result.scene, config.duration, options=SolverOptions(dt=result.levels.verification.dt), frame_rate=20.0
     )
@@ -390,7 +400,7 @@ def test_a_bound_on_force_that_binds_is_kept(exact, config):
     assert np.isfinite(peak)
     bound = ActuatorBounds(force=0.97 * float(peak))
     assert excess_at(loose.levels.own, loose.promoted.genes[:1], loose.problem, bound)[0] > 0
-    tight = search_gaits(exact, dataclasses.replace(config, bounds=bound, polish=None))
+    tight = search_gaits(exact, dataclasses.replace(evaluating(config, bounds=bound), polish=None))
     exceeds = excess_at(tight.levels.own, tight.promoted.genes[:1], tight.problem, bound)[0] > 0
     assert tight.promoted.within_bounds == (not exceeds)
     assert tight.verdict.beyond > 0 or tight.promoted.within_bounds
