@@ -226,6 +226,6 @@ def figure(record: Record, chart: Figure) -> None:
         axes.set_title("reached" if own["reached"] else "touched" if own["touched"] else "not reached")
     for axes in panes[len(every) :]:
         axes.set_visible(False)
-    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     chart.supxlabel("x (m)")
     chart.supylabel("y (m)")
