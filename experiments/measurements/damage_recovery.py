@@ -56,7 +56,9 @@ class Known(NamedTuple):
     names: tuple[str, ...]
     """in the library; of its images a gait as it is comes first"""
     gaits: Gait
-    """a population, of every member"""
+    """a population, of every member, with one ramp"""
+    ramps: tuple[float, ...]
+    """each gait's own, s"""
 
 
 def damaged(scene: Scene) -> dict[str, Scene]:
@@ -80,13 +82,14 @@ def plain_names() -> list[str]:
 
 def known_gaits(scene: Scene, turned: tuple[Symmetry, ...]) -> Known:
     """The library's gaits that fit, of struts and of cables alike, each turned and mirrored as said."""
-    names, gaits = [], []
+    names, gaits, ramps = [], [], []
     for name in plain_names():
         own, other = scene.structure, load_scene(gait_record(name)["scene"]).structure
         if (own.struts.edges, own.cables.edges) == (other.struts.edges, other.cables.edges):
             names += [name] * len(turned)
+            ramps += [float(load_gait(name).ramp)] * len(turned)
             gaits += [image(of_every_member(scene, load_gait(name)), symmetry) for symmetry in turned]
-    return Known(tuple(names), together(gaits))
+    return Known(tuple(names), together(gaits), tuple(ramps))
 
 
 def of_every_member(scene: Scene, gait: Gait) -> Gait:
@@ -134,7 +137,7 @@ def recover(
     problem = search_problem(intact, configs["wave"])._replace(scene=robot)
     level = fidelity_levels(robot).own
     which = best(level, problem, known.gaits, seed)
-    chosen = [one_gait(known.gaits, k) for k in (known.names.index(gait), which)]
+    chosen = [replace(one_gait(known.gaits, k), ramp=known.ramps[k]) for k in (known.names.index(gait), which)]
     for config in configs.values():
         found = evolved(intact, robot, config, drawn)
         chosen.append(one_gait(found, best(level, problem, found, seed)))

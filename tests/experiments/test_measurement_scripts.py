@@ -419,7 +419,8 @@ def test_gaits_of_a_damaged_robot_are_measured_with_their_own_ramps(exact, monke
     known = module.known_gaits(exact, turned)
     configs = {way: jaxgrity.SearchConfig(space=space) for way, space in module.SEARCHES.items()}
     found = module.recover(exact, exact, (known, "straight"), configs, (3, 4))
-    assert ramps == [float(gait.ramp)] * 2 + [0.75] * 3
+    assert ramps == [float(gait.ramp), known.ramps[0], *[0.75] * 3]
+    assert set(known.ramps) == {0.75, 1.0}
     assert [row["seed"] for row in found.values()] == [3] * 5
 
 

@@ -485,7 +485,7 @@ def test_every_kind_of_structure_stands_under_its_prestress(kind):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"KIND"', '"prism"\nstruts = 2', "structure.struts = 2: expected at least 3"),
+        ('"KIND"', '"prism"\nstruts = 2', "structure.struts = 2: expected a whole number, at least 3"),
         ('"KIND"', '"ball"\nstruts = 7', "structure.struts = 7: expected 6, 12 or 30"),
         (
             '"KIND"',
