@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from jaxgrity.core import draws
 from jaxgrity.core.arguments import check_count
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.typed import typed
 from jaxgrity.search.genetic_algorithm import GAConfig, Generation, SearchProblem, breed
 from jaxgrity.search.judging import Judging, Scores, judge
@@ -69,7 +69,7 @@ def pareto_front(
         The front of the last generation; empty where all its gaits fail, or are below `least`.
 
     Raises:
-        InputError: a problem without a bound on `against`, a `least` that is not a number, CMA-ES, bad options.
+        InputError: no bound on `against`, or no such need; a `least` that is not a number; CMA-ES; bad options.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -105,6 +105,7 @@ def _judging_needs(problem: SearchProblem, config: GAConfig, against: str, optio
     """The judging of a front: within a bound on `against` so small that the excess over it is the need itself."""
     if config.optimiser != "genetic":
         raise InputError(f"optimiser = {config.optimiser!r}: a front is bred; expected 'genetic'")
+    check_known("against", against, vars(problem.fitness.bounds))
     unit = getattr(problem.fitness.bounds, against)
     if unit is None:
         raise InputError(f"bounds: none on the {against}; expected ActuatorBounds({against}=...), which sets the scale")

@@ -1,6 +1,7 @@
 """A Pareto front: none of its gaits dominates another, and each needs what its rollout says."""
 
 import jax
+import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import given
@@ -106,6 +107,13 @@ def test_a_front_needs_a_scale(problem):
     """A bound on what is compared."""
     with pytest.raises(InputError, match=r"bounds: none on the rate; expected ActuatorBounds\(rate=\.\.\.\)"):
         pareto_front(problem, CONFIG, against="rate", options=OPTIONS)
+
+
+def test_a_front_is_against_what_has_a_bound(problem):
+    """Another word is answered with those that there are."""
+    jaxtyping.config.update("jaxtyping_disable", True)  # which users do not have; of this test alone
+    with pytest.raises(InputError, match="against = 'forces': unknown; perhaps you meant force; expected one of"):
+        pareto_front(problem, CONFIG, against="forces", options=OPTIONS)
 
 
 def test_a_front_is_not_of_cma_es(problem):
