@@ -17,16 +17,21 @@ UNREAD = 141
 
 @contextlib.contextmanager
 def while_read() -> Iterator[None]:
-    """End the process silently, with exit code `UNREAD`, if what it prints is read no more."""
+    """End the process silently, with exit code `UNREAD`, if what it prints is read no more; with one line and exit
+    code 2 if it cannot be written otherwise, as on a full disk."""
     try:
         try:
             yield
         finally:
-            sys.stdout.flush()
-    except BrokenPipeError:
+            if sys.stdout is not None:  # it is where standard output was closed from the start
+                sys.stdout.flush()
+    except OSError as error:
         # Python flushes once more at its end, and would complain there
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(UNREAD)
+        if isinstance(error, BrokenPipeError):
+            sys.exit(UNREAD)
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
 
 
 def from_command_line(settings: Any, **how: Any) -> Any:

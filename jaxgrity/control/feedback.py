@@ -3,12 +3,13 @@
 from dataclasses import replace
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.control.policies import Memory, Policy, check_gait
 from jaxgrity.control.sensors import Observation
-from jaxgrity.core.arguments import check_number
+from jaxgrity.core.arguments import check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
@@ -53,9 +54,9 @@ class PhaseLocked(Policy):
     swings: AnyArray = eqx.field(converter=as_float, default=((0.0, 0.0), (0.0, 0.0)))
     """(2, 2), s for a robot of one metre on Earth: a'_h and b'_h likewise; T du_k/dt, from the struts' spins, counts up
     to `FASTEST_SWING`"""
-    time_scale: float = eqx.field(static=True, default=1.0)
-    """T, of `jaxgrity.model.scales.time_scale(scene)`: how many times as long as for a robot of one metre on Earth what
-    the robot does takes"""
+    time_scale: Scalar = eqx.field(converter=as_float, default=1.0)
+    """T, of `jaxgrity.model.scales.time_scale(scene)`, without derivatives: how many times as long as for a robot of
+    one metre on Earth what the robot does takes"""
 
     @property
     def members(self) -> tuple[int, ...]:
@@ -63,7 +64,7 @@ class PhaseLocked(Policy):
 
     def __check_init__(self):
         check_gait(self.gait)
-        check_number("time_scale", self.time_scale, above=0.0)
+        check_each("time_scale", self.time_scale, above=0.0)
         for name in ("gains", "swings"):
             own = getattr(self, name)
             if np.shape(own)[:2] != (2, 2):
@@ -88,7 +89,7 @@ class PhaseLocked(Policy):
         own = np.array(self.members)
         along, spin = observation.directions[own], observation.spins[own]
         upright = along[:, 2]
-        swing = self.time_scale * (spin[:, 0] * along[:, 1] - spin[:, 1] * along[:, 0])
+        swing = jax.lax.stop_gradient(self.time_scale) * (spin[:, 0] * along[:, 1] - spin[:, 1] * along[:, 0])
         angle = 2 * jnp.pi * self.gait.frequency * clock + self.gait.phase
         waves = jnp.stack([jnp.stack([jnp.cos(h * angle), jnp.sin(h * angle)]) for h in (1, 2)])
         told = jnp.sum(self.gains * (waves @ upright**2))
@@ -128,5 +129,5 @@ def sure_footed(gait: Gait, scene: Scene | None = None) -> PhaseLocked:
             f"gait.amplitude = {np.asarray(gait.amplitude).tolist()}: expected less than 0.9, to be enlarged"
         )
     faster = replace(gait, amplitude=larger, frequency=SURE_FREQUENCY * np.asarray(gait.frequency))
-    scale = 1.0 if scene is None else float(time_scale(scene))
+    scale = 1.0 if scene is None else time_scale(scene)
     return PhaseLocked(faster, np.array(SURE_GAINS), np.array(SURE_SWINGS), scale)

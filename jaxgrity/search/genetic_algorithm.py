@@ -88,6 +88,10 @@ class GAConfig(eqx.Module):
         if self.parents is not None and self.parents > self.population:
             raise InputError(f"parents = {self.parents}: expected 1 to {self.population}, the population")
 
+    def progress(self, number: int, dtype) -> np.ndarray:
+        """How far mutations have shrunk after generation `number`: from 0 to 1."""
+        return np.asarray(min(1, number / max(1, (self.shrinking or self.generations) - 1)), dtype)
+
 
 class Generation(NamedTuple):
     """One generation, evaluated, best gait first."""
@@ -213,13 +217,12 @@ def _advance(state: EvolutionState, judging: Judging, genome: Genome, config: GA
     scores = judge(drawn, judging, genome.gaits(judging.models[0].scene.gait, genes))
     order = np.argsort(-scores.merit, kind="stable")[: config.population]
     generation = Generation(genes[order], scores.fitness[order], scores.spread[order], np.sum(scores.failed))
-    progress = min(1, state.number / max(1, (config.shrinking or config.generations) - 1))
     memory = None
     if config.optimiser == "cma-es":
         width = config.mutation_size[0]
         children, memory = asked_next(bred, raw, scores.merit, state.memory, config.population, width)
     else:
-        children = breed(bred, generation, np.asarray(progress, genes.dtype), genome, config)
+        children = breed(bred, generation, config.progress(state.number, genes.dtype), genome, config)
     within = (scores.beyond == 0) & ~scores.failed
     median = _median(scores.fitness[within] if within.any() else scores.fitness)
     newest = (float(generation.fitness[0]), median, float(generation.failed), float(within.sum()))

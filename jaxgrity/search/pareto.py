@@ -15,16 +15,17 @@ from jaxtyping import Float
 
 from jaxgrity.core import draws
 from jaxgrity.core.arguments import check_count
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerGait
 from jaxgrity.search.genetic_algorithm import GAConfig, Generation, SearchProblem, breed
-from jaxgrity.search.judging import judge
+from jaxgrity.search.judging import Judging, Scores, judge
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.stepping.options import Options
 
 LEAST = 1e-3
-"""Smallest need that is told apart, as a share of the bound of the problem; smaller ones count as this."""
+"""Smallest need that is told apart, as a share of the bound of the problem; smaller ones count as this. The largest is
+`FARTHEST` times as large."""
 
 
 class ParetoFront(NamedTuple):
@@ -51,8 +52,9 @@ def pareto_front(
 ) -> ParetoFront:
     """Evolve a population towards the front of fitness against what actuators need.
 
-    The start from rest counts, as it does for bounds. The bound of the problem on `against` only sets the scale, and no
-    other bound counts, except where the genome scales amplitudes down to the bound on rates.
+    The start from rest counts, as it does for bounds. The bound of the problem on `against` only sets the scale: needs
+    are told apart from a thousandth of it to a thousand times as much. No other bound counts, except where the genome
+    scales amplitudes down to the bound on rates.
 
     Args:
         problem: scene, genome, duration (s) and fitness.
@@ -68,7 +70,7 @@ def pareto_front(
         The front of the last generation; empty where all its gaits fail, or are below `least`.
 
     Raises:
-        InputError: a problem without a bound on `against`, a `least` that is not a number, bad options (see `resolve`).
+        InputError: no bound on `against`, or no such need; a `least` that is not a number; CMA-ES; bad options.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
@@ -82,34 +84,43 @@ def pareto_front(
     check_count("seed", seed, 0)
     if math.isnan(least):
         raise InputError(f"least = {least}: expected a number")
-    unit = getattr(problem.fitness.bounds, against)
-    if unit is None:
-        raise InputError(f"bounds: none on the {against}; expected ActuatorBounds({against}=...), which sets the scale")
-    # the excess over a small bound is the need itself
-    bound = LEAST * unit
-    bounds = ActuatorBounds(**{against: bound})
-    judging = problem._replace(fitness=replace(problem.fitness, bounds=bounds)).judging(options)
+    judging = _judging_needs(problem, config, against, options)
     key, first = jax.random.split(jax.random.key(seed))
-    genes = draws.uniform(first, (config.drawn or config.population, problem.genome.size), judging.dtype)
+    genes = np.asarray(draws.uniform(first, (config.drawn or config.population, problem.genome.size), judging.dtype))
     rollouts = 0
     for number in range(config.generations):
         tried, varied = jax.random.split(jax.random.fold_in(key, number))
-        genes = np.asarray(genes)
         scores = judge(tried, judging, problem.genome.gaits(problem.scene.gait, genes))
-        need = np.where(scores.fitness < least, np.inf, bound * (1 + scores.excess.mean(1)))
-        need[scores.failed] = np.inf
-        order = ranked(scores.fitness, need)[: config.population]
+        need = _needs(scores, getattr(judging.fitness.bounds, against), least)
+        order = best_first(scores.fitness, need)[: config.population]
         rollouts += scores.each.size
         best = Generation(genes[order], scores.fitness[order], scores.spread[order], np.sum(scores.failed))
         found = _front(best, need[order], rollouts)
         if on_generation is not None:
             on_generation(found)
-        progress = min(1, number / max(1, (config.shrinking or config.generations) - 1))
-        genes = breed(varied, best, np.asarray(progress, genes.dtype), problem.genome, config)
+        genes = np.asarray(breed(varied, best, config.progress(number, genes.dtype), problem.genome, config))
     return found
 
 
-def _front(best: Generation, need: PerGait, rollouts: int) -> ParetoFront:
+def _judging_needs(problem: SearchProblem, config: GAConfig, against: str, options: Options) -> Judging:
+    """The judging of a front: within a bound on `against` so small that the excess over it is the need itself."""
+    if config.optimiser != "genetic":
+        raise InputError(f"optimiser = {config.optimiser!r}: a front is bred; expected 'genetic'")
+    check_known("against", against, vars(problem.fitness.bounds))
+    unit = getattr(problem.fitness.bounds, against)
+    if unit is None:
+        raise InputError(f"bounds: none on the {against}; expected ActuatorBounds({against}=...), which sets the scale")
+    bounds = ActuatorBounds(**{against: LEAST * unit})
+    return problem._replace(fitness=replace(problem.fitness, bounds=bounds)).judging(options)
+
+
+def _needs(scores: Scores, bound: float, least: float) -> Float[np.ndarray, " gaits"]:
+    """What gaits need, in the unit of the bound; infinite for those that fail, or are below the least fitness."""
+    out = scores.failed | (scores.fitness < least)
+    return np.where(out, np.inf, bound * (1 + scores.excess.mean(1)))
+
+
+def _front(best: Generation, need: Float[np.ndarray, " gaits"], rollouts: int) -> ParetoFront:
     """The gaits of a generation that no other one dominates."""
     first = np.flatnonzero(ranks_of(best.fitness, need) == 0)
     first = first[np.isfinite(need[first])]
@@ -117,8 +128,8 @@ def _front(best: Generation, need: PerGait, rollouts: int) -> ParetoFront:
     return ParetoFront(np.asarray(best.genes)[chosen], np.asarray(best.fitness)[chosen], need[chosen], rollouts)
 
 
-def ranked(fitness: PerGait, need: PerGait) -> np.ndarray:
-    """(population,), their numbers: lower ranks first, and among the same rank those with the most room about them."""
+def best_first(fitness: PerGait, need: PerGait) -> np.ndarray:
+    """(gaits,), their numbers: lower ranks first, and among the same rank those with the most room about them."""
     ranks, room = ranks_of(fitness, need), np.zeros(len(need))
     for rank in np.unique(ranks):
         same = np.flatnonzero(ranks == rank)
@@ -127,7 +138,7 @@ def ranked(fitness: PerGait, need: PerGait) -> np.ndarray:
 
 
 def ranks_of(fitness: PerGait, need: PerGait) -> np.ndarray:
-    """(population,), 0 for gaits that none dominates, 1 for those that only these dominate, and so on.
+    """(gaits,), 0 for gaits that none dominates, 1 for those that only these dominate, and so on.
 
     A gait dominates another if it is no worse in both, and better in one.
     """
@@ -141,7 +152,7 @@ def ranks_of(fitness: PerGait, need: PerGait) -> np.ndarray:
 
 
 def _room(fitness: PerGait, need: PerGait) -> np.ndarray:
-    """(population,), crowding distance: gap between the neighbours in both, as shares of the range. Ends: infinite."""
+    """(gaits,), crowding distance: gap between the neighbours in both, as shares of the range. Ends: infinite."""
     room = np.zeros(len(need))
     if not np.isfinite(need).all():  # failed gaits, or those below the least fitness, which have ranks of their own
         return room

@@ -63,10 +63,14 @@ class _Grouped:
     """Says where a setting is that 0.2.0 had outside of the groups. It goes with the next release."""
 
     def __new__(cls, *given, **named):
+        moved: list[str] = []
+        groups: list[str] = []
         for group, kind in {"space": SearchSpace, "evaluation": EvaluationConfig}.items():
-            if moved := [name for name in named if name in {part.name for part in dataclasses.fields(kind)}]:
-                now = f"{group}=jaxgrity.search.{kind.__name__}({', '.join(f'{name}=...' for name in moved)})"
-                raise InputError(f"{', '.join(moved)}: expected in a group now, {cls.__name__}({now})")
+            if own := [name for name in named if name in {part.name for part in dataclasses.fields(kind)}]:
+                groups.append(f"{group}=jaxgrity.search.{kind.__name__}({', '.join(f'{name}=...' for name in own)})")
+                moved += own
+        if moved:
+            raise InputError(f"{', '.join(moved)}: expected in a group now, {cls.__name__}({', '.join(groups)})")
         return super().__new__(cls)
 
 

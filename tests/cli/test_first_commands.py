@@ -96,6 +96,18 @@ def test_a_reader_that_leaves_ends_the_command_silently(words):
     assert (done.returncode, done.stderr) == (command_line.UNREAD, "")
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="the system has no device that is always full")
+@pytest.mark.parametrize(
+    ("output", "code", "errors"), [("&-", 0, ""), ("/dev/full", 2, "error: [Errno 28] No space left on device\n")]
+)
+def test_a_command_without_room_for_its_output_says_so(output, code, errors):
+    """In one line; a closed standard output is no error."""
+    done = subprocess.run(
+        f"{sys.executable} -m jaxgrity --version >{output}", shell=True, stderr=subprocess.PIPE, text=True
+    )
+    assert (done.returncode, done.stderr) == (code, errors)
+
+
 def test_the_version_is_that_of_the_package(capsys, monkeypatch):
     """In one line, and the help names the option."""
     monkeypatch.setattr(sys, "argv", ["jaxgrity", "--version"])

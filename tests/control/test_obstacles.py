@@ -184,9 +184,11 @@ def test_ways_are_as_wide_as_the_robot(scene):
 def test_gaits_to_choose_from_have_all_images_of_gaits_but_for_shifts_of_time(scene):
     """The travelling wave is its own image; of gaits that turn there are as many as ways to swap strut pairs."""
     gaits = {name: PhaseLocked(jaxgrity.load_gait(name)) for name in ("lasting", "left")}
+    gaits["lasting"] = replace(gaits["lasting"], time_scale=0.5)
     found = control.gait_choices(scene.structure, gaits)
     assert found.names == ("lasting", *["left"] * (len(found.names) - 2), "rest")
     assert found.names.count("left") > 1
+    assert found.policy.policy.time_scale.tolist() == [0.5, *[1.0] * (len(found.names) - 2), 0.5]
     own = found.chosen(np.array([0, len(found.names) - 1]), np.zeros(2)).policy.gait
     np.testing.assert_allclose(own.amplitude[:, 0], jaxgrity.load_gait("lasting").amplitude, rtol=1e-6)
     assert not np.any(own.amplitude[:, 1])

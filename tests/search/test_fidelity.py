@@ -30,6 +30,7 @@ from jaxgrity import (
     search_gaits,
 )
 from jaxgrity.search import (
+    EvaluationConfig,
     EvolutionState,
     FidelityLevel,
     evolve_through,
@@ -83,7 +84,7 @@ def test_progress_names_the_bounds_that_were_counted(exact, monkeypatch, bounds,
 
     monkeypatch.setattr(pipeline, "evolve_through", evolve)
     with pytest.raises(Enough):
-        search_gaits(exact, SearchConfig(bounds=bounds), on_progress=heard.append)
+        search_gaits(exact, SearchConfig(evaluation=EvaluationConfig(bounds=bounds)), on_progress=heard.append)
     assert [each.facts.keys() - {"level", "best", "failed"} for each in heard[1:]] == counted
 
 

@@ -1,6 +1,7 @@
 """A Pareto front: none of its gaits dominates another, and each needs what its rollout says."""
 
 import jax
+import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,7 +12,7 @@ from jaxgrity.model.actuation import actuated_lengths, peak_rates
 from jaxgrity.populations.population import roll_out
 from jaxgrity.search import pareto_front
 from jaxgrity.search.models import model_of
-from jaxgrity.search.pareto import ranked, ranks_of
+from jaxgrity.search.pareto import best_first, ranks_of
 
 CONFIG = GAConfig(population=12, generations=4, elites=4, parents=6, mutation_rate=1.0)
 OPTIONS = SolverOptions(dt=1e-2)
@@ -50,7 +51,7 @@ def test_ranks_are_those_of_the_definition(points):
 def test_ends_come_first_and_crowded_gaits_last():
     """Of four gaits on a front the two ends, then the one with more room; then those behind it."""
     fitness, need = np.array([1.0, 1.1, 2.0, 3.0, 0.5]), np.array([1.0, 1.1, 2.0, 3.0, 4.0])
-    order = ranked(fitness, need).tolist()
+    order = best_first(fitness, need).tolist()
     assert set(order[:2]) == {0, 3}
     assert order[2:] == [2, 1, 4]
 
@@ -58,7 +59,7 @@ def test_ends_come_first_and_crowded_gaits_last():
 def test_failed_gaits_come_last():
     """Their fitness is -inf, and their need infinite."""
     fitness, need = np.array([-np.inf, 1.0, -np.inf, 2.0]), np.array([np.inf, 1.0, np.inf, 5.0])
-    assert set(ranked(fitness, need)[2:].tolist()) == {0, 2}
+    assert set(best_first(fitness, need)[2:].tolist()) == {0, 2}
 
 
 @pytest.mark.parametrize("against", ["power", "force", "rate"])
@@ -95,7 +96,7 @@ def test_gaits_below_the_least_fitness_come_last(problem, fronts):
     above = pareto_front(problem, CONFIG, least=middle, seed=1, options=OPTIONS)
     assert len(above.need)
     assert above.fitness.min() >= middle
-    assert ranked(np.array([0.1, 0.3, 0.2, 0.5]), np.array([np.inf, np.inf, np.inf, 9.0])).tolist() == [3, 1, 2, 0]
+    assert best_first(np.array([0.1, 0.3, 0.2, 0.5]), np.array([np.inf, np.inf, np.inf, 9.0])).tolist() == [3, 1, 2, 0]
     nothing = pareto_front(problem, CONFIG, least=1e3, seed=1, options=OPTIONS)
     assert nothing.fitness.size == nothing.need.size == 0
     with pytest.raises(InputError, match="least = nan: expected a number"):
@@ -106,3 +107,16 @@ def test_a_front_needs_a_scale(problem):
     """A bound on what is compared."""
     with pytest.raises(InputError, match=r"bounds: none on the rate; expected ActuatorBounds\(rate=\.\.\.\)"):
         pareto_front(problem, CONFIG, against="rate", options=OPTIONS)
+
+
+def test_a_front_is_against_what_has_a_bound(problem):
+    """Another word is answered with those that there are."""
+    jaxtyping.config.update("jaxtyping_disable", True)  # which users do not have; of this test alone
+    with pytest.raises(InputError, match="against = 'forces': unknown; perhaps you meant force; expected one of"):
+        pareto_front(problem, CONFIG, against="forces", options=OPTIONS)
+
+
+def test_a_front_is_not_of_cma_es(problem):
+    """Its settings would have no effect."""
+    with pytest.raises(InputError, match="optimiser = 'cma-es': a front is bred; expected 'genetic'"):
+        pareto_front(problem, GAConfig(population=8, optimiser="cma-es"), options=OPTIONS)

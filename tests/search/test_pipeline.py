@@ -260,7 +260,7 @@ def test_on_an_incline_the_distance_is_the_horizontal_one_of_a_finer_rollout(exa
     structure = dataclasses.replace(exact.structure, nodes=ground.set_down(exact.structure.nodes, -0.02))
     scene = dataclasses.replace(exact, ground=ground, structure=structure)
     config = evaluating(config, objective=Distance(), uncertainty=Uncertainty(friction=1e-6))
-    config = dataclasses.replace(config, generations=(1,))
+    config = dataclasses.replace(config, generations=(1, 1))
     result = search_gaits(scene, config)
     verified, robust = result.verdict.verified, result.verdict.robust.each[0]
     finer = centre_path(result.scene, simulate(result.scene, config.duration, options=SolverOptions(dt=6.25e-4)))

@@ -205,7 +205,8 @@ def test_a_distance_needs_no_common_period(exact):
         ),
         (
             lambda: SearchConfig(64, waves="none", robots=2, ramp=1.0),
-            r"^waves, ramp: expected in a group now, SearchConfig\(space=jaxgrity\.search\.SearchSpace\(waves=\.\.\., ",
+            r"^waves, ramp, robots: expected in a group now, SearchConfig\(space=jaxgrity\.search\.SearchSpace\("
+            r"waves=\.\.\., ramp=\.\.\.\), evaluation=jaxgrity\.search\.EvaluationConfig\(robots=\.\.\.\)\)$",
         ),
         (
             lambda: SearchConfig(robots=2),
