@@ -17,6 +17,7 @@ from jaxgrity.core import draws
 from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
+from jaxgrity.core.types import PerGait
 from jaxgrity.search.genetic_algorithm import GAConfig, Generation, SearchProblem, breed
 from jaxgrity.search.judging import judge
 from jaxgrity.search.objectives import ActuatorBounds
@@ -108,7 +109,7 @@ def pareto_front(
     return found
 
 
-def _front(best: Generation, need: Float[np.ndarray, " gaits"], rollouts: int) -> ParetoFront:
+def _front(best: Generation, need: PerGait, rollouts: int) -> ParetoFront:
     """The gaits of a generation that no other one dominates."""
     first = np.flatnonzero(ranks_of(best.fitness, need) == 0)
     first = first[np.isfinite(need[first])]
@@ -116,8 +117,8 @@ def _front(best: Generation, need: Float[np.ndarray, " gaits"], rollouts: int) -
     return ParetoFront(np.asarray(best.genes)[chosen], np.asarray(best.fitness)[chosen], need[chosen], rollouts)
 
 
-def ranked(fitness: Float[np.ndarray, " gaits"], need: Float[np.ndarray, " gaits"]) -> np.ndarray:
-    """(gaits,), their numbers: lower ranks first, and among the same rank those with the most room about them."""
+def ranked(fitness: PerGait, need: PerGait) -> np.ndarray:
+    """(population,), their numbers: lower ranks first, and among the same rank those with the most room about them."""
     ranks, room = ranks_of(fitness, need), np.zeros(len(need))
     for rank in np.unique(ranks):
         same = np.flatnonzero(ranks == rank)
@@ -125,8 +126,8 @@ def ranked(fitness: Float[np.ndarray, " gaits"], need: Float[np.ndarray, " gaits
     return np.lexsort((-room, ranks))
 
 
-def ranks_of(fitness: Float[np.ndarray, " gaits"], need: Float[np.ndarray, " gaits"]) -> np.ndarray:
-    """(gaits,), 0 for gaits that none dominates, 1 for those that only these dominate, and so on.
+def ranks_of(fitness: PerGait, need: PerGait) -> np.ndarray:
+    """(population,), 0 for gaits that none dominates, 1 for those that only these dominate, and so on.
 
     A gait dominates another if it is no worse in both, and better in one.
     """
@@ -139,8 +140,8 @@ def ranks_of(fitness: Float[np.ndarray, " gaits"], need: Float[np.ndarray, " gai
     return ranks
 
 
-def _room(fitness: Float[np.ndarray, " gaits"], need: Float[np.ndarray, " gaits"]) -> np.ndarray:
-    """(gaits,), crowding distance: gap between the neighbours in both, as shares of the range; infinite at the ends."""
+def _room(fitness: PerGait, need: PerGait) -> np.ndarray:
+    """(population,), crowding distance: gap between the neighbours in both, as shares of the range. Ends: infinite."""
     room = np.zeros(len(need))
     if not np.isfinite(need).all():  # failed gaits, or those below the least fitness, which have ranks of their own
         return room
