@@ -23,8 +23,8 @@ class Animation(NamedTuple):
 
 ANIMATIONS = (
     Animation("straight", "exact", 7.0, "follow"),
+    Animation("lasting", "exact", 7.0, "follow"),
     Animation("fast", "exact", 7.0, "follow"),
-    Animation("left", "exact", 15.0, "whole"),
 )
 REPLAYED, REPLAY_DURATION = ANIMATIONS[0], 12.0
 """the motion that the first page of the docs plays in 3D, and for how long, s"""

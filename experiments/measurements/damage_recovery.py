@@ -76,7 +76,7 @@ def damaged(scene: Scene) -> dict[str, Scene]:
 
 
 def plain_names() -> list[str]:
-    """The library's gaits without overtones: those with some ask for stronger actuators than searches may."""
+    """The library's gaits without overtones: `of_every_member` places phases, amplitudes and frequencies alone."""
     return [name for name in gait_names() if not load_gait(name).overtones]
 
 

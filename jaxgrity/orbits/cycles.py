@@ -18,8 +18,8 @@ RETURNED = 1.5
 cycle: two cycles come back as closely as one."""
 ALIKE = 1e-4
 """Change of shape, in body lengths, that counts as a return even where more periods come back more closely. Orbits of
-the library come back within 3e-6 after a cycle, except `left` on exact contact (1e-3). After a part of a cycle, shapes
-differ by 8e-3 or more; by 2e-4 or more in all longer cycles that we met."""
+the library come back within 1e-9 after a cycle. After a part of a cycle, shapes of the orbits that we met differ by
+2e-4 or more."""
 
 TURN = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
 """A turn about the vertical, by no part of a circle, that laws without a direction keep."""

@@ -74,7 +74,7 @@ PERIODS = {
 @pytest.mark.campaign
 @pytest.mark.parametrize("name", gait_names())
 def test_gaits_of_the_library_return_after_as_few_periods_as_there_are(name):
-    """On both contact models. `fast` comes back within micrometres, after 6 periods more closely than after 2."""
+    """On both contact models."""
     record, gait = gait_record(name), load_gait(name)
     own = with_gait(load_scene(record["scene"]), gait)
     found = [find_orbit(scene, max(90.0, shortest_watch(gait))) for scene in (own, contact_twin(own))]
