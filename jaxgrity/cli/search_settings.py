@@ -112,4 +112,4 @@ class SearchSettings:
     restart: bool = False
     """start again if the folder holds an unfinished search"""
     quick: bool = False
-    """small search: rollouts of at most 16 s, 64 gaits, 3 generations of screening, 256 simulations of polish"""
+    """small search: at most 16 s, 64 gaits, 3 generations of screening and 2 after it, 256 simulations of polish"""

@@ -29,6 +29,10 @@ MADE_BY = {
     "Orbit": "jaxgrity.orbits.find_orbit(scene) makes one",
     "Plant": "jaxgrity.control.plant_of(scene, members, ...) makes one",
     "Environment": "jaxgrity.control.environment(task, ...) makes one",
+    "SearchConfig": "pass jaxgrity.SearchConfig(space=..., evaluation=..., ...)",
+    "Objective": "jaxgrity.SteadySpeed() is one",
+    "ActuatorBounds": "pass jaxgrity.ActuatorBounds(rate=..., power=...)",
+    "SearchProblem": "jaxgrity.search.search_problem(scene, config) makes one",
 }
 """Advice in messages about an argument of the wrong kind, by the name of the class that the function takes."""
 READ_BY = {"Scene": "load_scene", "Gait": "load_gait"}
@@ -147,7 +151,7 @@ def _shown(value: Any) -> str:
 
 
 def _article(word: str) -> str:
-    return "an" if word[0] in "AEIOaeio" else "a"
+    return "an" if word.startswith((*"AEIOaeio", "Unc")) else "a"
 
 
 def check_rows(rows: tuple[int, ...], size: int) -> None:

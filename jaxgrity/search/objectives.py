@@ -234,7 +234,7 @@ class ActuatorBounds(eqx.Module):
     def __check_init__(self):
         for name, bound in vars(self).items():
             if bound is not None:
-                check_number(f"largest_{name}", bound, above=0.0)
+                check_number(f"bounds.{name} (--objective.largest-{name})", bound, above=0.0)
 
     @property
     def needs_metrics(self) -> bool:

@@ -33,7 +33,7 @@ from jaxgrity import (
 from jaxgrity import simulate as roll_out
 from jaxgrity.cli import command_line, progress, script, simulate
 from jaxgrity.cli import main as command
-from jaxgrity.cli.search import replaced_words, standstill_words
+from jaxgrity.cli.search import make_quick, replaced_words, standstill_words
 from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.formats import load_trajectory
@@ -299,7 +299,7 @@ def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
         (["search", "--polish-rollouts", "3"], ["3 rollouts of polish: expected 96 or more (climbs: 1)"]),
         (["search", "--objective.kind", "far"], ["objective = 'far': unknown; expected one of distance, direction"]),
         (["search", "--objective.heading", "1"], ["heading = 1.0: 'steady speed' has none"]),
-        (["search", "--objective.largest-rate", "0"], ["largest_rate = 0: expected a positive number"]),
+        (["search", "--objective.largest-rate", "0"], ["(--objective.largest-rate) = 0: expected a positive number"]),
         (["search", "--caution", "1", "--robots", "1"], ["caution = 1.0: one robot has no spread"]),
         (["compare"], ["no runs: expected at least one result folder"]),
         (["compare", "missing"], ["missing/summary.json", "No such file"]),
@@ -365,6 +365,15 @@ def test_a_search_says_before_it_begins_that_its_gaits_are_late():
     assert standstill_words(late, SearchConfig(duration=43.0)) == ""
     for name in ("exact", "reference", "uphill"):
         assert standstill_words(load_scene(name), SearchConfig(duration=8.0)) == "", name
+
+
+def test_a_quick_search_keeps_what_is_smaller():
+    """A population of 16 stays 16, and the default becomes 64."""
+    usual, small = SearchSettings(), SearchSettings(duration=5.0, population=16, generations=(1, 4), polish_rollouts=0)
+    for settings in (usual, small):
+        make_quick(settings)
+    assert (usual.duration, usual.population, usual.generations, usual.polish_rollouts) == (16.0, 64, (3, 2), 256)
+    assert (small.duration, small.population, small.generations, small.polish_rollouts) == (5.0, 16, (1, 2), 0)
 
 
 def test_there_has_to_be_a_search_to_resume(jaxgrity, tmp_path):

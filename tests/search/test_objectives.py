@@ -304,9 +304,9 @@ def test_without_uncertainty_one_robot_is_enough():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ActuatorBounds(rate=0.0), "largest_rate = 0: expected a positive number"),
-        (lambda: ActuatorBounds(force=-1.0), "largest_force = -1: expected a positive number"),
-        (lambda: ActuatorBounds(power=float("nan")), "largest_power = nan: expected a positive number"),
+        (lambda: ActuatorBounds(rate=0.0), r"^bounds\.rate \(--objective.largest-rate\) = 0: expected a positive"),
+        (lambda: ActuatorBounds(force=-1.0), r"^bounds\.force \(--objective.largest-force\) = -1: expected a positive"),
+        (lambda: ActuatorBounds(power=float("nan")), r"^bounds\.power \(--objective.largest-power\) = nan: expected"),
         (lambda: Fitness(robots=0), "robots = 0: expected a whole number, at least 1"),
         (lambda: Fitness(caution=1.0), "caution = 1.0: one robot has no spread; expected robots = 2 or more"),
         (lambda: Fitness(robots=2, caution=1.0), "caution = 1.0: nothing is uncertain, nothing spreads"),

@@ -156,9 +156,13 @@ def test_what_cannot_be_searched_is_refused(exact, config, message):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"objective": "steady speed"}, "EvaluationConfig: objective is 'steady speed'; expected an Objective"),
+        (
+            {"objective": "steady speed"},
+            "EvaluationConfig: objective is 'steady speed'; expected an Objective; jaxgrity.SteadySpeed",
+        ),
+        ({"bounds": 100.0}, r"bounds is 100.0; expected an ActuatorBounds; pass jaxgrity.ActuatorBounds\("),
         ({"objective": SteadySpeed}, "objective is the class SteadySpeed itself; expected an Objective"),
-        ({"uncertainty": 0.1}, "uncertainty is 0.1; expected a Uncertainty"),
+        ({"uncertainty": 0.1}, "uncertainty is 0.1; expected an Uncertainty"),
         ({"polish": "orbit"}, "polish is 'orbit'; expected a PolishConfig or None"),
         ({"waves": "all"}, "waves = 'all': unknown; expected one of every, axis, none"),
         ({"members": "cable"}, "members = 'cable': unknown; perhaps you meant cables; expected one of scene, struts"),
