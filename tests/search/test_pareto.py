@@ -119,4 +119,4 @@ def test_a_front_is_against_what_has_a_bound(problem):
 def test_a_front_is_not_of_cma_es(problem):
     """Its settings would have no effect."""
     with pytest.raises(InputError, match="optimiser = 'cma-es': a front is bred; expected 'genetic'"):
-        pareto_front(problem, GAConfig(population=8, optimiser="cma-es"), options=OPTIONS)
+        pareto_front(problem, GAConfig(population=16, optimiser="cma-es"), options=OPTIONS)
