@@ -282,7 +282,7 @@ EXAMPLES = [
         gait=(GAIT, OTHER),
         gains=(np.ones((2, 2)), ANY, ROWS),
         swings=(np.ones((2, 2)), ANY, ROWS),
-        time_scale=(1.0, POSITIVE),
+        time_scale=(1.0, POSITIVE, ROWS),
     ),
     _of(
         control.Steered,

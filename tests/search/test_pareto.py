@@ -120,4 +120,4 @@ def test_a_front_is_not_of_cma_es(problem):
     """Its settings would have no effect."""
     pytest.importorskip("evosax", reason="without it, the configuration is refused")
     with pytest.raises(InputError, match="optimiser = 'cma-es': a front is bred; expected 'genetic'"):
-        pareto_front(problem, GAConfig(population=8, optimiser="cma-es"), options=OPTIONS)
+        pareto_front(problem, GAConfig(population=16, optimiser="cma-es"), options=OPTIONS)
