@@ -1,4 +1,7 @@
-"""A genetic algorithm over gaits: genes of fast gaits that also roll on perturbed robots."""
+"""A genetic algorithm over gaits: genes of fast gaits that also roll on perturbed robots.
+
+Here is also `SearchProblem`, which all stages of a search share.
+"""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Fitness of gaits: ensembles of perturbed robots, rolled out on one contact model or on both."""
+"""Fitness of gaits, for every stage of a search: ensembles of perturbed robots, on one contact model or on both."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

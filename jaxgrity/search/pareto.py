@@ -1,7 +1,8 @@
 """A Pareto front: the fastest gaits for each force, power or rate that actuators may need, by one population.
 
 Selection by ranks of non-dominated gaits and their crowding: Deb, Pratap, Agarwal and Meyarivan 2002 (NSGA-II),
-doi:10.1109/4235.996017. Unlike there, every gait meets new robots in each generation, the best ones too.
+doi:10.1109/4235.996017. Unlike there, every gait meets new robots in each generation, the best ones too. It is a search
+of its own, which `search_gaits` does not use.
 """
 
 import math

@@ -1,7 +1,8 @@
 """A repertoire: for each speed and each turning the gait that keeps them best, by MAP-Elites.
 
 Mouret and Clune 2015, arXiv:1504.04909; variation along the line between two elites: Vassiliades and Mouret 2018,
-arXiv:1804.03906. A search ends with one gait; a controller that has to steer and to slow down needs many.
+arXiv:1804.03906. A search ends with one gait; a controller that has to steer and to slow down needs many. It is a
+search of its own, which `search_gaits` does not use.
 """
 
 from collections.abc import Callable

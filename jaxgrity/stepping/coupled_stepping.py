@@ -1,6 +1,11 @@
 """Complementarity stepping with all struts and contacts solved together.
 
-It is for structures with nodes of several rigid struts, rods with mass, or supports.
+It is for scenes that sweeps cannot solve: those with rods with mass, rigid bodies, supports, balls on the ground, or
+contact along or between struts. `options.py` also chooses it where sweeps may fail: if struts share nodes, or for very
+unequal masses or high friction.
+
+A step goes through these modules: `coupled_constraints.py` (constraints), `separate_parts.py` (parts of the structure),
+`coupled_problem.py` (matrices), `coupled.py` (the solution), `coupled_contacts.py` (the contacts in it).
 """
 
 from typing import NamedTuple

@@ -1,4 +1,7 @@
-"""The equations of motion and a method for them, in diffrax; and the failure codes of rollouts."""
+"""Integration by diffrax, and the failure codes of rollouts.
+
+`discretise` puts the equations of motion and the solver of a method together, and `integrate` runs them.
+"""
 
 import dataclasses
 from typing import Any

@@ -1,4 +1,7 @@
-"""The final state of a simulation, as a function that is differentiable in forward and reverse mode."""
+"""Simulations by fixed steps, differentiable in forward and reverse mode: `final_state`, and `states_at` for frames.
+
+Both go through the steps of `loop.py`. Orbits, gradients of a search and `rollout` use them; `simulate` does not.
+"""
 
 import jax
 import jax.numpy as jnp

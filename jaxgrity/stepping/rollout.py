@@ -1,4 +1,8 @@
-"""A simulation as a pure function, for `jax.jit`, `jax.vmap` and `jax.grad` in any order."""
+"""A simulation as a pure function, for `jax.jit`, `jax.vmap` and `jax.grad` in any order.
+
+Unlike `simulate`, it takes fixed steps only, and has derivatives in reverse mode. `final_state.states_at` does the
+steps.
+"""
 
 from typing import NamedTuple, cast
 

@@ -1,4 +1,8 @@
-"""Simulation of one scene with saved frames, by any method; `rollout.py` has the pure function for reverse mode."""
+"""Simulation of one scene with saved frames, by any method.
+
+`simulate` checks and completes its arguments, `discretisation.integrate` does the steps, and `frame_velocities.py`
+moves velocities to the frames. `rollout` (`rollout.py`) is another way, for reverse mode: it goes through `loop.py`.
+"""
 
 import math
 from dataclasses import replace
