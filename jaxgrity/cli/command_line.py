@@ -30,7 +30,8 @@ def while_read() -> Iterator[None]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):
             sys.exit(UNREAD)
-        print(f"error: {error}", file=sys.stderr)
+        if not isinstance(error.__context__, SystemExit):  # else the command has said its own error
+            print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
 
 

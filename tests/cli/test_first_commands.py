@@ -108,6 +108,19 @@ def test_a_command_without_room_for_its_output_says_so(output, code, errors):
     assert (done.returncode, done.stderr) == (code, errors)
 
 
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="the system has no device that is always full")
+@pytest.mark.parametrize(("ends", "errors"), [(lambda: None, 1), (lambda: sys.exit(2), 0)])
+def test_a_full_disk_is_told_once(capsys, monkeypatch, ends, errors):
+    """Not again where the command has ended with an error of its own."""
+    with open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        full.write("loading JAX ...")
+        with pytest.raises(SystemExit) as end:
+            command_line.while_read()(ends)()
+    assert end.value.code == 2
+    assert capsys.readouterr().err.count("error: ") == errors
+
+
 def test_the_version_is_that_of_the_package(capsys, monkeypatch):
     """In one line, and the help names the option."""
     monkeypatch.setattr(sys, "argv", ["jaxgrity", "--version"])
