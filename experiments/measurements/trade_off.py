@@ -26,8 +26,6 @@ from jaxgrity.search import (
 
 LEAST_SPEED = 0.1
 """Least fitness of a front, body lengths/s: slower gaits hardly travel."""
-
-
 ROBOTS = {"standard": "exact", "softer": Path(__file__).with_name("softer_robot.toml")}
 """Scenes of the robots, by their names here. The softer one is described in its file."""
 OVERTONES = 2

@@ -99,8 +99,8 @@ class SearchSettings:
     polish_rollouts: int = 9216
     """number of simulations that polishing may use; 0: no polish"""
     polish_overtones: int = 4
-    """number of overtones that polishing adds to gaits that are waves; at least those of the search; none if the gait
-    of the scene has its own"""
+    """number of overtones that polishing adds to waves: at least those of the search, and none if the scene's gait has
+    its own"""
     polish_gaits: int = 1
     """number of the best gaits that are polished"""
     dt: float | None = None

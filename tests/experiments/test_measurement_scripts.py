@@ -377,6 +377,20 @@ def test_the_lasting_gait_is_followed_from_drops_and_on_other_robots(tmp_path):
 
 
 @pytest.mark.campaign
+def test_gaits_of_a_front_are_judged_by_their_speed_and_power(tmp_path):
+    """Quick size: the judged gaits lie on the front of their robot, and settle with at most the power of the start."""
+    facts = quick("trade_off", tmp_path)
+    assert list(facts["fronts"]) == ["standard", "softer"]
+    for row in facts["rows"]:
+        assert row["own"] > 0.1
+        assert row["settled_power"] <= row["power"] * (1 + 1e-9)
+    for front in facts["fronts"].values():
+        assert front["power"] == sorted(front["power"])
+        assert front["fitness"] == sorted(front["fitness"])
+    assert "| standard |" in words("trade_off", facts)
+
+
+@pytest.mark.campaign
 def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     """Quick sizes: what the tables of docs/control.md are made of."""
     facts = quick("feedback", tmp_path / "feedback", "--contact", "exact")
