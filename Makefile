@@ -60,13 +60,10 @@ validate: .venv/.installed-test
 	$(BIN)/python experiments/run.py update_docs
 
 # What the library does, as the docs quote it; more than an hour on 2 cores, which should have nothing else to do.
-# First those that are registered, then what has options. Nothing runs experiments/studies/ but you.
+# Nothing runs experiments/studies/ but you.
 measure: .venv/.installed-test
-	for name in $$($(BIN)/python experiments/run.py --measured); do $(BIN)/python experiments/run.py $$name || exit 1; done
-	$(BIN)/python experiments/run.py benchmark --mujoco
-	$(BIN)/python experiments/run.py watch_gaits
-	$(BIN)/python experiments/gait_search.py --restart
-	$(BIN)/python experiments/run.py update_docs
+	all=$$($(BIN)/python experiments/run.py --measured) && echo "$$all" | while read -r each; do \
+		$(BIN)/python experiments/$$each </dev/null || exit 1; done
 
 clean:
 	rm -rf .venv .cache results build dist docs/reference *.egg-info .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -9,17 +9,17 @@ import sys
 
 from jaxgrity.cli.script import run
 
-from measurements.registry import loaded, measurements, scripts, sentence
+from measurements.registry import loaded, measured, scripts, sentence
 
 
 def main() -> None:
-    """The first word names what to run; `--measured` lists what `make measure` runs as it is."""
+    """The first word names what to run; `--measured` lists what `make measure` runs."""
     name, *options = sys.argv[1:] or ["--help"]
     if name in scripts():
         found = loaded(name)
         run(found.main, found.Settings, args=options, prog=f"run.py {name}")
     elif name == "--measured":
-        print("\n".join(each for each, found in measurements("measurements").items() if found.listed))
+        print("\n".join(measured()))
     elif name in ("--help", "-h"):
         print(__doc__)
         print("\n".join(f"{each:20} {sentence(each)}" for each in scripts()))

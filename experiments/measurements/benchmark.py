@@ -69,7 +69,7 @@ class Point(NamedTuple):
     quick={"duration": 0.5, "repeats": 2, "steps": 1},
     raw=("points", "numpy_off"),
     drawn=("lines",),
-    listed=False,
+    options="--mujoco",
 )
 def benchmark(
     gaits: int = 256,

@@ -57,8 +57,8 @@ class Table(NamedTuple):
 class Measurement:
     """What `measurement` makes of a function."""
 
-    def __init__(self, function: Callable[..., Any], page: str, quick: Record, kept: Kept, listed: bool):
-        self.name, self.page, self.kept, self.listed = function.__name__, page, kept, listed
+    def __init__(self, function: Callable[..., Any], page: str, quick: Record, kept: Kept, options: str):
+        self.name, self.page, self.kept, self.options = function.__name__, page, kept, options
         self.draw: Callable[[Record], Figure] | None = None
         self.tables: dict[str, Table] = {}
         self._function, self._quick = function, quick
@@ -162,7 +162,7 @@ def row_by_row(found: Generator[Record, None, Record | None], path: Path) -> Rec
 
 
 def measurement(
-    page: str, quick: Record, raw: tuple[str, ...] = (), drawn: tuple[str, ...] = (), listed: bool = True
+    page: str, quick: Record, raw: tuple[str, ...] = (), drawn: tuple[str, ...] = (), options: str = ""
 ) -> Callable[[Callable[..., Any]], Measurement]:
     """Make a measurement of a function that returns its record, or that yields rows and returns the rest of it.
 
@@ -173,9 +173,9 @@ def measurement(
         quick: settings with which it takes at most a minute
         raw: names of what the page does not quote, in the record and in its rows
         drawn: names of what the figure alone shows, likewise: kept with few digits
-        listed: whether `make measure` runs it as it is; one that needs options has a line in the Makefile
+        options: with which `make measure` runs it
     """
-    return lambda function: Measurement(function, page, quick, Kept(raw, drawn), listed)
+    return lambda function: Measurement(function, page, quick, Kept(raw, drawn), options)
 
 
 def values_of(function: Callable[..., Any]) -> dict[str, tuple[str, ...]]:

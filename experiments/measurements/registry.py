@@ -33,6 +33,12 @@ def measurements(*folders: str) -> dict[str, Measurement]:
     return {name: each for name, each in found.items() if isinstance(each, Measurement)}
 
 
+def measured() -> list[str]:
+    """What `make measure` runs, in this order: every measurement, the gaits that they use, and what fills the pages."""
+    found = [f"run.py {name} {each.options}".strip() for name, each in measurements("measurements").items()]
+    return [*found, "run.py watch_gaits", "gait_search.py --restart", "run.py update_docs"]
+
+
 def sentence(name: str) -> str:
     """The first sentence of what a file says of itself."""
     told = ast.get_docstring(ast.parse(scripts()[name].read_text("utf-8"))) or ""
