@@ -284,7 +284,8 @@ def figure(record: Record, chart: Figure) -> None:
         axes.loglog(found["seconds"], found["error"], label=f"{names.get(name, name)}, {dtype}", **style)
     for at, colour, label in ((record["numpy_seconds"], "0.5", "NumPy loop, RK4 at 0.5 ms"), (1, "black", "real time")):
         axes.axvline(at, color=colour, lw=1.2, label=label)
-    axes.set(xlabel="wall time per gait and simulated second (s)", ylabel="median error of the last centre of mass (m)")
+    axes.set(xlabel="wall time per robot and simulated second (s)")
+    axes.set(ylabel="median error of the final centre of mass (m)")
     errors = [error for found in record["lines"].values() for error in found["error"]]
     axes.set_ylim(min(errors) / 2, min(2 * max(errors), 1.0))  # a body length: larger steps are of no use
     chart.legend(loc="outside lower center", ncols=2)
