@@ -43,13 +43,22 @@ class Drive(NamedTuple):
 
 @typed
 def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = None, *, each: bool = False) -> Loop:
-    """The loop at t = 0: from `start`, q and v; by default the scene's own.
+    """The state of a closed loop at t = 0, for `roll_on` and `drive`.
 
-    `each`: all of the policy's arrays have the population last; every robot has its own parameters. Floats of the
-    memory take the plant's precision. Raises `InputError` if `policy` is no policy or `key` is no key, for other
-    members than the plant's, and where the policy cannot drive this robot. `each` needs a plant of many robots, and a
-    policy with a row for each. A start must have the right shape. A known start must not violate rigid struts or exact
-    contact.
+    Args:
+        plant: one robot, or many side by side.
+        policy: a `Policy` for the plant's members.
+        key: JAX random key of the sensors' errors.
+        start: positions q, m, and velocities v, m/s, (nodes, 3) or (nodes, 3, robots) each; by default the scene's.
+        each: whether each robot has its own policy parameters. All arrays of the policy then have the robots last.
+
+    Returns:
+        The state of the plant, and the policy's memory in the plant's precision.
+
+    Raises:
+        InputError: no policy, or no key. A policy for other members or another robot. `each` for a plant of one robot,
+            or for a policy without a row for each. A start of another shape, or a known start of one robot that
+            violates rigid struts, exact contact or supports.
     """
     if not isinstance(policy, Policy):
         raise InputError(f"policy is a {type(policy).__name__}: expected a Policy, such as OpenLoop(gait)")
@@ -71,10 +80,21 @@ def loop_start(plant: Plant, policy: Policy, key: Any, start: State | None = Non
 def roll_on(
     plant: Plant, policy: Policy, loop: Loop, ticks: int, keep: Callable[[PlantState], Any], *, each: bool = False
 ) -> tuple[Loop, Any]:
-    """The loop after some control periods, and the results of `keep` after each of them, stacked in front.
+    """Simulate some control periods. In each, sensors are read, the policy commands, and motors move.
 
-    In every control period the sensors are read, the policy is asked, and the motors move. A `lax.scan`: it can be
-    jitted, and differentiated in forward and reverse mode. A failed rollout has no finite derivatives.
+    This is a `lax.scan`: you can jit it, and differentiate it in forward and reverse mode. Reverse mode recomputes each
+    period. Derivatives of a failed rollout are not finite.
+
+    Args:
+        plant: one robot, or many side by side.
+        policy: the controller; its arrays are its parameters.
+        loop: the state to start from, as from `loop_start`.
+        ticks: number of control periods.
+        keep: function of the `PlantState` after each period. What it returns, a tree of arrays, is saved.
+        each: whether each robot has its own policy parameters, as in `loop_start`.
+
+    Returns:
+        The state at the end, and the results of `keep`, with the control periods as first axis.
     """
     ask: Callable = type(policy).__call__
     policy = floats_as(policy, plant.options.dtype)
@@ -95,7 +115,7 @@ def roll_on(
 
 @typed
 def drive(plant: Plant, policy: Policy, loop: Loop, ticks: int, samples: int = 1, *, each: bool = False) -> Drive:
-    """Roll on for `samples` times some control periods; the centre of mass is recorded after each.
+    """Roll on for `samples` times `ticks` control periods, and record the centre of mass after each `ticks` of them.
 
     Raises `InputError` for numbers that are negative or not whole.
     """

@@ -41,15 +41,21 @@ class MotorLimits(eqx.Module):
 def contraction_reached(
     motors: MotorLimits, now: AnyArray, wanted: AnyArray, period: float, lengths: AnyArray, tension: AnyArray | None
 ) -> AnyArray:
-    """The contraction of the motors after a control period, (actuators,), or with the population last.
+    """The contraction of each member after a control period T, by the law of `MotorLimits`.
+
+    All arrays are (actuators,), or (actuators, robots).
 
     Args:
-        motors: their limits.
-        now: the contraction of each member.
-        wanted: the commanded contraction.
-        period: s.
-        lengths: L0, m, of the members.
-        tension: N, of each member; needed where forces are bounded.
+        motors: the limits.
+        now: contraction of each member before the period.
+        wanted: commanded contraction.
+        period: control period T, s.
+        lengths: full rest length L0 of each member, m.
+        tension: force with which each member pulls, N; None: motors do not stall.
+
+    Returns:
+        now + clip((wanted - now) (1 - exp(-T/lag)), -rate T/L0, rate T/L0), with `wanted` cut at the stroke. It is
+        `now` where a motor stalls.
     """
     change = jnp.clip(wanted, -motors.stroke, motors.stroke) - now
     if motors.lag is not None:

@@ -19,15 +19,17 @@ SLOWEST_TRAVEL = 0.05
 
 
 class Steered(Policy):
-    """A policy with smaller commands on one side: c_k (1 - s y_k), with y_k the distance of strut k to the left.
+    """A policy that turns the robot: it multiplies the command of strut k by 1 - s y_k.
 
-    y_k is the distance of a strut's centre from the robot's, horizontally to the left of the direction of travel, in
-    units of the largest such distance as built. It follows from the struts' directions. Longer struts on the left make
-    a path bend to the left (measured: docs/control.md). s is `bend`; with a goal, `bend` times the angle from the
-    direction of travel to the goal over `full`, within -1 and 1.
+    y_k says how far the strut's centre is to the left of the robot's centre of mass, seen along the direction of
+    travel. Its unit is the largest distance of a strut's centre, as built. It follows from the struts' directions. With
+    s > 0, struts on the left stay longer, and the path bends to the left (measured: docs/control.md).
 
-    Raises `InputError` for a bend beyond -1 and 1, a goal that is no place, and offsets for other members than the
-    policy's.
+    Without a goal, s is `bend`. With one, s is `bend` times clip(a/`full`, -1, 1), where a (rad) is the angle from the
+    direction of travel to the goal, positive to the left.
+
+    Raises `InputError` for a bend beyond -1 and 1, a goal that is not two finite numbers, and offsets for other members
+    than the policy's.
     """
 
     policy: Policy
@@ -128,11 +130,11 @@ def clock_moved(memory: Memory, times: AnyArray | float, jump: AnyArray | float)
 
 @typed
 def centre_offsets(structure: Structure, members: tuple[int, ...]) -> np.ndarray:
-    """(actuators, directions): B, with (B d)_k the offset of strut k's centre from the robot's and d the directions
-    that sensors tell: of struts, then of rigid bodies.
+    """The matrix B, (actuators, directions), for `Steered`: B d gives the places of struts from their directions d.
 
-    By least squares in the built shape, in units of the largest offset. Raises `InputError` for a member that is no
-    strut, and without members.
+    Row k of B d is the offset of strut k's centre from the robot's centre of mass, in units of the largest offset. d
+    are the directions that sensors measure, of struts and then of rigid bodies. B is the least-squares solution for
+    the built shape. Raises `InputError` for a member that is no strut, and without members.
     """
     struts = structure.struts
     members = check_indices("members", members)

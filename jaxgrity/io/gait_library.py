@@ -29,7 +29,11 @@ def load_gait(name: str | Path) -> Gait:
 
 @typed
 def gait_record(name: str | Path) -> dict[str, Any]:
-    """The record of a gait: the gait, its scene, its results, and its command."""
+    """What a gait's JSON file holds, as a dictionary: the gait, its scene, its results, and its command.
+
+    `name` is that of a library gait, or the path of a file. Raises `InputError` for an unknown name, and for a file
+    that is not JSON.
+    """
     path = found_file("gait", "gaits", name)
     if path.is_dir():
         raise InputError(f"gait {str(name)!r}: a folder; expected a file, such as {path / 'gait.json'}")
@@ -58,7 +62,10 @@ def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
 
 @typed
 def gait_facts(gait: Gait, structure: Structure | None = None) -> dict[str, Any]:
-    """The gait for a JSON file; with its structure, it is refused for others."""
+    """A gait as a dictionary with the keys of a gait's JSON file, which `load_gait` reads; arrays stay arrays.
+
+    If you pass the robot's `structure`, `with_gait` refuses the gait for any other robot.
+    """
     robot = gait.robot if structure is None else structure.robot
     return {
         "robot": robot,

@@ -26,7 +26,7 @@ SAMPLES_OF_A_SINE = 19
 
 
 class Overtone(eqx.Module):
-    """One more sine in every member's rest length, at a multiple of the gait's frequency."""
+    """One more sine, a_hk sin(2 pi h f_k t + phase_hk), in the rest length of every member k: see `Gait`."""
 
     size: PerActuator = eqx.field(converter=as_float)
     """amplitude of the sine relative to the gait's first sine; not negative"""

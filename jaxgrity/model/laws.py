@@ -63,7 +63,7 @@ class SceneParts(Protocol):
 
 
 class Configuration(NamedTuple):
-    """What U is a function of."""
+    """Positions and time, of which U is a function. `EnergyTerm.energy` gets one."""
 
     q: NodeVectors
     """positions, m"""
@@ -93,7 +93,7 @@ class Configuration(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What R is a function of."""
+    """Velocities and configuration, of which R is a function. `dissipation` and `force` get one."""
 
     v: NodeVectors
     """velocities, m/s"""
@@ -123,10 +123,10 @@ class Law(eqx.Module):
     """as `describe` lists it"""
 
     def keeps(self, symmetry: Symmetry) -> bool | None:
-        """Whether the law is the same after the map, so that it maps motions on motions.
+        """Whether the law is the same after the symmetry, which then maps motions onto motions.
 
-        None where no rule says so: then the law is compared with itself at random states and at their images. A rule
-        spares the program for that, and is needed by a law that acts in few states.
+        None: not known. jaxgrity then compares the law at random states and at their images. Return True or False for
+        a law that acts in few states only, since random ones may miss it.
         """
         return None
 
@@ -210,7 +210,7 @@ class ForceLaw(Law):
 
 
 class Constraint(Law):
-    """A law on positions or velocities that impulses meet at the end of each step of complementarity stepping."""
+    """A law that impulses satisfy at the end of each step, such as exact contact. You cannot add one of your own."""
 
     @abstractmethod
     def keeps(self, symmetry: Symmetry) -> bool:
@@ -243,12 +243,12 @@ def rows_on_nodes(blocks: np.ndarray, nodes: np.ndarray, size: int) -> sp.csr_ar
 
 
 def unchanged(values: AnyArray, moved: Sequence[int]) -> bool:
-    """Whether each of `values` is that of the node or member which takes its place, to `SAME`."""
+    """Whether a number per node or member is the same after a symmetry: values[moved[k]] = values[k], to `SAME`."""
     return bool(np.allclose(np.asarray(values)[list(moved)], values, rtol=SAME, atol=0))
 
 
 def unchanged_per_node(coefficient: AnyArray, symmetry: Symmetry) -> bool:
-    """Likewise for a coefficient that is one number for all nodes, or one for each."""
+    """The same for a coefficient that is one number for all nodes, or one for each."""
     return np.ndim(coefficient) == 0 or unchanged(coefficient, symmetry.nodes)
 
 
@@ -267,7 +267,7 @@ def same_roles(members: Members, moved: Sequence[int]) -> bool:
 
 @typed
 def member_names(kind: str, members: Members) -> tuple[str, ...]:
-    """Such as "strut 0 (nodes 0, 1)", or "cable 3, 4 (nodes 5, 2, 7)" of one that runs through several nodes."""
+    """Names of members: "strut 0 (nodes 0, 1)"; of a cable through several nodes "cable 3, 4 (nodes 5, 2, 7)"."""
     names = []
     for segments in cables_of(members.clusters, len(members.edges)):
         numbers = ", ".join(map(str, segments))
@@ -285,7 +285,7 @@ def named_parts(term: ForceTerm, scene: SceneParts) -> tuple[str, ...]:
 
 
 def node_names(what: str, scene: SceneParts) -> tuple[str, ...]:
-    """Such as "contact of node 0", where `what` is "contact of"."""
+    """A name for each node of the scene: "contact of node 0" and so on, if `what` is "contact of"."""
     return tuple(f"{what} node {k}" for k in range(len(scene.structure.nodes)))
 
 

@@ -72,7 +72,11 @@ def ground_beside_nodes(scene: Scene, strength: AnyArray) -> PenaltyGround | Non
 
 
 class RodContact(EnergyTerm):
-    """U = sum k_p/2 min(0, phi(x_p))^2."""
+    """Penalty contact at points along struts: U = sum_p k_p/2 min(0, phi(x_p) - r_p)^2.
+
+    x_p is a point on the axis of a strut of radius r_p (m), and phi its distance from the ground (m). k_p (N/m) is the
+    stiffness of the ground, divided by the number of points on the strut. Made by `with_contact_along_struts`.
+    """
 
     points: Points
     name: ClassVar[str] = "penalty contact along struts"

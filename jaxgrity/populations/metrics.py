@@ -26,7 +26,11 @@ impulses, which have no peak."""
 
 
 class Metrics(NamedTuple):
-    """Sums from the time `since` on. Forces, and so powers, are moving means with the time constant `FORCE_WINDOW`."""
+    """Measurements of a rollout: sums and peaks over all steps from the time `since` on.
+
+    In `Outcomes.metrics`, each array has a row for each robot in front. Forces, and so powers, are moving means with
+    the time constant `FORCE_WINDOW`.
+    """
 
     path: Scalar
     """m, length of the horizontal path of the centre of mass"""

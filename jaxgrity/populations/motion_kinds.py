@@ -43,7 +43,10 @@ TIME_ROUNDING = 1e-4
 
 
 class Rolling(NamedTuple):
-    """A robot's motion from the gait's start on; without a gait, from t = 0 on."""
+    """How a robot moved, as `rolling` finds it: its support faces, slip and flight, and the kind of its motion.
+
+    All are counted from the gait's start on; without a gait, from t = 0 on.
+    """
 
     supports: tuple[tuple[int, ...], ...]
     """the faces it stood on, in turn, by their nodes"""

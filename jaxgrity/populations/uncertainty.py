@@ -50,10 +50,10 @@ def _numbers() -> Any:
 
 
 class Differences(eqx.Module):
-    """Differences between the robots of a population besides their gaits: one row per robot; None: no difference.
+    """Differences between the robots of a population, besides their gaits. None: no difference.
 
-    Arrays are factors of the scene's numbers, except `up`, `terrain`, `positions` and `velocities`. Without the
-    population's axis they describe one robot.
+    Each array has one row per robot; for one robot, it is that row alone. Its numbers are factors of the scene's
+    numbers, except in `up`, `terrain`, `positions` and `velocities`.
     """
 
     friction: Float[AnyArray, "*population"] | None = _numbers()
@@ -181,11 +181,11 @@ class Uncertainty(eqx.Module):
 def ensemble(
     key, scene: Scene, gaits: Gait, uncertainty: Uncertainty, count: int, common: bool = True
 ) -> tuple[Gait, Differences]:
-    """`count` robots for each of `gaits`, drawn from `uncertainty`: row i*count + k is the k-th robot of gait i.
+    """Draw `count` perturbed robots for each of `gaits`. Row i*count + k of all results is robot k of gait i.
 
-    With `common` draws, all gaits get the same `count` robots, and their means compare. Draws come in pairs of opposite
-    signs: linear effects cancel from a mean. Raises `InputError` for less than one robot, a quantity that the scene
-    lacks, amplitudes that may reach 1, terrain beside balls or contact along struts, prestress of nonlinear cables.
+    `key` is a JAX random key. If `common`, all gaits get the same robots. Draws come in pairs of opposite signs: linear
+    effects cancel from a mean. Raises `InputError` for less than one robot, a quantity that the scene lacks, amplitudes
+    that may reach 1, terrain beside balls or contact along struts, prestress of nonlinear cables.
     """
     check_count("count", count, 1)
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape

@@ -27,7 +27,7 @@ from jaxgrity.stepping.options import Options
 
 
 class SearchProblem(NamedTuple):
-    """A search: the robot, the quantities that vary, and the value of a gait."""
+    """What a search does: it varies the quantities of `genome` in the scene's gait, to raise the `fitness`."""
 
     scene: Scene
     """the robot, with a gait for all quantities that do not vary"""
@@ -50,10 +50,12 @@ class SearchProblem(NamedTuple):
 
 
 class GAConfig(eqx.Module):
-    """Settings of the step from one generation to the next."""
+    """Settings of `evolve`: the number of gaits and generations, and how one generation is bred from the last."""
 
     population: int = eqx.field(static=True, default=128)
+    """number of gaits in a generation"""
     generations: int = eqx.field(static=True, default=16)
+    """number of generations"""
     elites: int = eqx.field(static=True, default=8)
     """number of best gaits that go on unchanged"""
     tournament: int = eqx.field(static=True, default=3)
@@ -97,9 +99,10 @@ class GAConfig(eqx.Module):
 
 
 class Generation(NamedTuple):
-    """One generation, evaluated, best gait first."""
+    """One evaluated generation; a row for each gait, best first."""
 
     genes: Genes
+    """(population, genes), in [0, 1): see `Genome`"""
     fitness: PerGait
     """-inf where a rollout failed"""
     spread: PerGait
@@ -139,9 +142,10 @@ class EvolutionState(NamedTuple):
 
 
 class Evolution(NamedTuple):
-    """A finished evolution on one level: its last generation, and the record of all."""
+    """Result of `evolve`: the last generation, and numbers of every generation."""
 
     last: Generation
+    """the last generation; its first row has the best gait"""
     best: np.ndarray
     """(generations,), fitness of the best gait"""
     median: np.ndarray
@@ -152,6 +156,7 @@ class Evolution(NamedTuple):
     """(generations,), number of gaits within the bounds on actuators on all their robots (in a wide screening, the
     bound on rates alone); where 0, the best has the least excess"""
     rollouts: int
+    """number of rollouts in all generations"""
 
 
 def begin(genome: Genome, config: GAConfig, seed: int, dtype: str) -> EvolutionState:
@@ -180,7 +185,7 @@ def evolve(
     Args:
         problem: scene, genome, duration (s) and fitness.
         config: population, generations and breeding.
-        seed: of all random numbers; without effect for a given state.
+        seed: seed of the random number generator; without effect if you give a state.
         options: solver options; by default the scene's.
         state: of an interrupted evolution, to continue it.
         on_generation: called with the state after each generation.
@@ -260,8 +265,11 @@ def breed(key, generation: Generation, progress: Scalar, genome: Genome, config:
 
 @typed
 def distinct(generation: Generation, genome: Genome, count: int, apart: float = 0.02) -> Genes:
-    """The best `count` gaits of a generation that differ by at least `apart` in some gene, each from the nearest
-    symmetric image of each other; waves have no images."""
+    """(at most `count`, genes), the best gaits of a generation, of which each two differ by at least `apart`.
+
+    Two gaits differ by their largest difference in a gene, after the symmetry of the robot that brings them nearest.
+    Waves are compared without symmetries.
+    """
     chosen: list[int] = []
     genes = np.asarray(generation.genes)
     for k in np.flatnonzero(np.isfinite(generation.fitness)):

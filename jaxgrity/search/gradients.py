@@ -42,10 +42,16 @@ class ClimbTask(NamedTuple):
 def distance_and_gradient(
     scene: Scene, gaits: Gait, horizon: float, options: ResolvedOptions
 ) -> tuple[PerGait, Phases]:
-    """Horizontal distance of each gait at `horizon` (m), and its gradient in the phases (m/rad), by reverse mode.
+    """Horizontal distance of each gait after `horizon` (s), m, and its gradient in the phases, m/rad, by reverse mode.
 
-    All gaits are integrated at once, in lanes, by `checkpointed_end`, which has to know the step: the options must
-    not be those of `as_inputs`.
+    Args:
+        scene: the robot; it starts at rest.
+        gaits: a population of gaits, as from `gaits_of`, as JAX arrays of the options' precision.
+        horizon: simulated time, s.
+        options: from `resolve`, with a fixed step; not `as_inputs` of them, since steps are counted before tracing.
+
+    Returns:
+        (gaits,), and (gaits, actuators).
     """
 
     def total(phase):
@@ -60,9 +66,9 @@ def distance_and_gradient(
 def distances(
     scene: Scene, gaits: Gait, horizon: float, options: ResolvedOptions, end: Callable | None = None
 ) -> PerGait:
-    """Horizontal distance of each gait at `horizon`, m, in a form that reverse mode differentiates.
+    """(gaits,), horizontal distance of each gait after `horizon` (s), m, differentiable in reverse mode.
 
-    `end` integrates all gaits, in lanes; `checkpointed_end` where not given.
+    Arguments as of `distance_and_gradient`. `end` integrates all gaits at once; by default `checkpointed_end`.
     """
     first, last, _ = ends(scene, gaits, None, horizon, options, end)
     moved = (last - first)[:, :2]
@@ -87,7 +93,11 @@ def ends(
 
 @typed
 def checkpointed_end(scene: Scene, axes: Scene, start: State, horizon: float, options: ResolvedOptions) -> State:
-    """What the scene's method carries at `horizon`, stepped in two nested scans, for reverse mode: see `stepped`."""
+    """Positions and velocities after `horizon` (s), as the method carries them, robots last, for reverse mode.
+
+    `axes` is a scene with -1 in place of each array that has robots last, and None in place of others (`in_lanes`). Two
+    nested scans save memory: see `stepped`.
+    """
     return stepped(scene, start, (0.0, horizon), options, discretise_lanes(options, axes))[0]
 
 

@@ -121,7 +121,7 @@ class SearchConfig(_Grouped):
 
 @typed
 def ga_configs(config: SearchConfig, levels: int) -> tuple[GAConfig, ...]:
-    """Of the search on each of so many levels where gaits evolve."""
+    """The settings of `evolve` on each of the first `levels` levels of a search, coarsest first."""
     size, counts = config.population, config.generations[:levels]
     if not config.wide:
         few = max(1, size // 8)

@@ -52,10 +52,18 @@ def standing(scene: Scene) -> State:
 
 @typed
 def stable_step(scene: Scene, state: State, method: Method | str) -> float:
-    """Largest stable step, s, for small motions about `state`; infinite for implicit methods.
+    """Largest stable step, s, for small motions about a state; infinite for implicit methods.
 
     At this step, small motions grow by at most `GROWTH` per step beyond their true growth. At a slightly larger step,
     smooth friction only chatters, and at a much larger one the motion blows up.
+
+    Args:
+        scene: the scene to simulate.
+        state: positions q, m, and velocities v, m/s, (nodes, 3) each.
+        method: a name, as in `METHODS`, or a `Method`.
+
+    Raises:
+        InputError: an unknown method.
     """
     method = find_method(method) if isinstance(method, str) else method
     return np.inf if method.implicit else largest_step(_limiting_motions(scene, state, method), method)
