@@ -112,13 +112,19 @@ def _rows(tree: Any, rows: AnyArray) -> Any:
 
 @typed
 def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: str = "float32") -> GaitChoices:
-    """Gaits with feedback, all their images under the structure's symmetries, mirrors included, and one at rest.
+    """Gaits among which `lead_to` chooses: yours, their images under the structure's symmetries and mirrors, and rest.
 
-    An image that is the gait itself at another time is left out: a jump of the clock has the same effect. None of them
-    has a start or a ramp, since a clock with another gait's angle would fall back into it.
+    An image that equals the gait at another time is left out: a jump of the clock has the same effect. All gaits are in
+    full swing from the beginning, so that a robot can change to one at any angle of its clock.
 
-    Raises `InputError` without a gait, for one without feedback, of several frequencies or of none, for one of another
-    robot, and for gaits with different members.
+    Args:
+        structure: the robot.
+        gaits: the gaits with feedback, by names of your choice; the first one is tried most.
+        dtype: precision, that of the model.
+
+    Raises:
+        InputError: no gait, or one called "rest". A gait without feedback, with several frequencies or none, or of
+            another robot. Gaits with different members.
     """
     if not gaits or REST in gaits:
         raise InputError(f"gaits: {list(gaits)}; expected at least one, none of them called {REST!r}")

@@ -39,36 +39,37 @@ NARROW, LATER = 0.3, 0.05
 
 
 class Sampling(NamedTuple):
-    """Settings of the look ahead of a predictive controller."""
+    """Settings of `lead_to`: which samples it draws at each choice, and how it rolls them out. A sample is one way to
+    go on: a gait, bends, and a jump of the gait's clock."""
 
     samples: int = 64
-    """ways to go on for each robot at each choice, in all rounds"""
+    """number of samples for each robot at each choice, all rounds together"""
     horizon: float = 3.0
-    """s, for which each of them is rolled out"""
+    """simulated time of each sample, s"""
     interval: float = 0.5
-    """s, from one choice to the next"""
+    """time from one choice to the next, s"""
     widest: float = 0.6
-    """the largest bend, see `Steered`"""
+    """largest bend, at most 1 (see `Steered`)"""
     jumping: float = 0.5
-    """share of the samples of the first round whose clocks jump to another place in the cycle"""
+    """share of the samples of the first round whose clock jumps to another place in the cycle"""
     knots: int = 3
-    """bends over the horizon, between which it changes along straight lines; 1: it stays"""
+    """number of bends over the horizon, with linear changes in between; 1: a constant bend"""
     rounds: int = 2
-    """in which samples are drawn, as many in each: the first at random, others about the best before"""
+    """number of rounds, with as many samples in each: the first at random, later ones near the best so far"""
     per_second: int = 10
-    """looks at each sample, for its distance from the goal and from obstacles; the bend changes from look to look"""
+    """rate at which a sample's distances from goal and obstacles are measured, and its bend changes, 1/s"""
     patience: float = 60.0
-    """s, after which the goal is given up"""
+    """time after which a robot gives up, s"""
     within: float | None = None
-    """m, from the goal, where it counts as reached; None: `REACHED` at the size of the robot"""
+    """distance from the goal that counts as reached, m; None: `REACHED` at the size of the robot"""
     friction: tuple[float, ...] = (1.0,)
-    """times nominal: the robots of the model that try each sample"""
+    """factors of the model's friction: one model robot for each factor tries each sample"""
     usual: float = 0.6
-    """share of the samples of the first round with the first of several gaits; the others use any, and all images"""
+    """share of the samples of the first round with the first of several gaits; others take any gait and image"""
     margin: float | None = None
-    """m, to be kept from obstacles beyond the reach of the map; None: `MARGIN` at the size of the robot"""
+    """distance from obstacles to keep beyond the reach of the map, m; None: `MARGIN` at the size of the robot"""
     seed: int = 0
-    """of the samples, and of the sensors' noise"""
+    """seed of the samples and of the sensors' noise"""
 
     @property
     def drawn(self) -> int:

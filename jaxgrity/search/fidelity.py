@@ -45,12 +45,12 @@ PRECISION = 0.01
 
 
 class FidelityLevel(NamedTuple):
-    """One way to roll a gait out."""
+    """One way to roll out gaits in a search: a scene, a step and a precision."""
 
     name: str
     scene: Scene
     dt: float
-    """s"""
+    """step, s"""
     dtype: str
     twin: Scene | None = None
     """its contact twin, where gaits are tried on both contact models"""
@@ -234,15 +234,16 @@ def final_verdict(
     seed: int = 1,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Verdict:
-    """Verify one gait, judge it by an ensemble, both to `PRECISION` where steps and `robots` suffice, and roll out one
-    round of `ROBOTS_PER_ROUND` robots on the contact twin.
+    """Evaluate one gait: its error bar, an ensemble of perturbed robots, and `ROBOTS_PER_ROUND` robots on the contact
+    twin.
 
-    `bounds`: robots beyond them are counted; the problem may lack them.
+    The ensemble is simulated with the step `own_step` (s), or with half of it if this changes the mean by more than
+    `PRECISION`. The step of the nominal robot is chosen in the same way, by its error bar. `ROBOTS_PER_ROUND` robots at
+    a time are added to the ensemble, until the standard error of their mean is within `PRECISION`, or there are
+    `robots`.
 
-    The ensemble has the step `own_step` (s) where half of it changes the mean by at most `PRECISION`, else that half.
-    The nominal robot's step is chosen likewise, by its error bar. `ROBOTS_PER_ROUND` more robots are added until the
-    standard error of their mean is within `PRECISION`, or there are `robots`. `on_progress` is called with the number
-    of finished judgements, and of all.
+    Robots beyond `bounds` are counted; the problem need not have these bounds. `on_progress` is called with the number
+    of finished evaluations, and their total.
     """
     scene, gaits = problem.scene, as_population(gait)
     some = with_robots(problem.fitness, min(robots, ROBOTS_PER_ROUND))

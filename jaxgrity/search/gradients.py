@@ -44,9 +44,11 @@ def distance_and_gradient(
 ) -> tuple[PerGait, Phases]:
     """Horizontal distance of each gait after `horizon` (s), m, and its gradient in the phases, m/rad, by reverse mode.
 
+    Compile it with `jax.jit`.
+
     Args:
         scene: the robot; it starts at rest.
-        gaits: a population of gaits, as from `gaits_of`, as JAX arrays of the options' precision.
+        gaits: a population of gaits, as from `gaits_of`.
         horizon: simulated time, s.
         options: from `resolve`, with a fixed step; not `as_inputs` of them, since steps are counted before tracing.
 
