@@ -114,7 +114,7 @@ def test_site_is_built_without_a_warning(tmp_path):
         pytest.param("getting_started", marks=pytest.mark.slow),
         *(
             pytest.param(page, marks=pytest.mark.campaign)
-            for page in ("cables", "control", "environments", "gaits", "identification")
+            for page in ("cables", "control", "environments", "gaits", "identification", "terrain")
         ),
     ],
 )

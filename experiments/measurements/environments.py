@@ -79,7 +79,7 @@ def words(record: Record) -> str:
     cells = {
         "task": "{task}",
         "control periods": "{steps:,}",
-        "per second of processor time": lambda row: f"{round(row['steps'] / row['processor_seconds'], -3):,.0f}",
+        "periods per second on a core": lambda row: f"{round(row['steps'] / row['processor_seconds'], -3):,.0f}",
         "episodes": "{episodes:,}",
         "failed": "{failed}",
     }

@@ -65,8 +65,8 @@ def words(record: Record) -> str:
         "mass, kg": "{mass:.3f}",
         "settling moves nodes, mm": lambda row: f"{1e3 * row['moved']:.0f}",
         "settled height, m": lambda row: f"{row['exact']['start']:.2f}",
-        f"height after {record['duration']:g} s, exact contact": lambda row: ending(row["exact"]),
-        "the same, penalty contact": lambda row: ending(row["penalty"]),
+        f"after {record['duration']:g} s on exact contact, m": lambda row: ending(row["exact"]),
+        "on penalty contact, m": lambda row: ending(row["penalty"]),
     }
     return columns(record["rows"], cells)
 

@@ -82,7 +82,7 @@ def thrown_pair(number: int) -> tuple[np.ndarray, np.ndarray]:
     if nearly_parallel(number):
         u[1] = u[0] + 0.01 * u[1]
     u /= np.linalg.norm(u, axis=1)[:, None]
-    n = rng.normal(size=3) if nearly_parallel(number) else np.cross(u[0], u[1])
+    n = np.cross(u[0], rng.normal(size=3) if nearly_parallel(number) else u[1])
     n /= np.linalg.norm(n)
     middles = np.array([-0.15 * n, 0.15 * n]) + 0.2 * rng.uniform(-1, 1, (2, 1)) * u
     q = (middles[:, None] + np.array([-0.5, 0.5])[:, None] * u[:, None]).reshape(4, 3)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
+from studies.thrown_rods import thrown_at_post
 
 import jaxgrity
 from jaxgrity import (
@@ -152,16 +153,6 @@ def test_a_rod_rests_on_an_edge_at_its_balance_point():
     np.testing.assert_allclose(force[1:, :, 2], [masses * G] * (len(force) - 1), atol=1e-6)
 
 
-def thrown(number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of a random rod above the post, and their velocities."""
-    rng = np.random.default_rng(number)
-    u, spin = rng.normal(size=3), 3 * rng.normal(size=3)
-    u /= np.linalg.norm(u)
-    middle, v = rng.uniform([-0.5, -0.3, 0.9], [0.5, 0.3, 1.1]), rng.normal(size=3) * [1.0, 0.3, 0.0] - [0.0, 0.0, 1.0]
-    arms = np.stack([-u / 2, u / 2])
-    return middle + arms, v + np.cross(spin, arms)
-
-
 @pytest.mark.parametrize(
     "count", [pytest.param(10, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.campaign)]
 )
@@ -170,7 +161,7 @@ def test_no_thrown_rod_enters_the_post_or_gains_energy(count):
     scene, plain = rod(friction=0.4), rod(friction=0.4, along=False)
     passed = 0
     for number in range(count):
-        q, v = thrown(number)
+        q, v = thrown_at_post(number)
         both = [
             simulate(each, 1.0, positions=q, velocities=v, options=SolverOptions(dt=5e-3), frame_rate=200.0)
             for each in (scene, plain)

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from studies.thrown_rods import thrown_pair
 
 import jaxgrity
 from jaxgrity import (
@@ -65,22 +66,6 @@ def test_rods_that_meet_head_on_lose_what_a_plastic_impact_loses():
     assert gaps(scene, motion.positions).min() > -1e-6
 
 
-def thrown(number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Two random rods beside each other, every third time nearly parallel, on their way to meet."""
-    rng = np.random.default_rng(number)
-    u = rng.normal(size=(2, 3))
-    if number % 3 == 0:
-        u[1] = u[0] + 0.01 * u[1]
-    u /= np.linalg.norm(u, axis=1)[:, None]
-    n = np.cross(u[0], u[1] if number % 3 else rng.normal(size=3))
-    n /= np.linalg.norm(n)
-    middles = np.array([-0.15 * n, 0.15 * n]) + 0.2 * rng.uniform(-1, 1, (2, 1)) * u
-    q = (middles[:, None] + np.array([-0.5, 0.5])[:, None] * u[:, None]).reshape(4, 3)
-    drift, spin = np.array([1.5 * n, -1.5 * n]) + 0.3 * rng.normal(size=(2, 3)), 2 * rng.normal(size=(2, 3))
-    v = (drift[:, None] + np.array([-0.5, 0.5])[:, None] * np.cross(spin, u)[:, None]).reshape(4, 3)
-    return q, v
-
-
 @pytest.mark.parametrize(
     "count", [pytest.param(12, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.campaign)]
 )
@@ -92,7 +77,7 @@ def test_thrown_rods_do_not_enter_each_other(count):
     scene, mass, met = crossing(), np.array([1.0, 2.0, 0.5, 1.0]), 0
     within: list[bool] = []
     for number in range(count):
-        q, v = thrown(number)
+        q, v = thrown_pair(number)
         motion = simulate(scene, 0.4, positions=q, velocities=v, options=STEP, frame_rate=200.0)
         assert not motion.failed
         x, w = (np.asarray(part) for part in (motion.positions, motion.velocities))
