@@ -1,13 +1,10 @@
-"""Rods thrown at a post and at each other, on exact contact: how deep they enter, and what uneven ground costs.
+"""Rods thrown at a post and at each other, on exact contact: how deep they enter, and how much energy grows.
 
-Rods have 1 m and steps have 5 ms. Costs are of the six-strut robot, whose step on a plane counts as 1.
+Rods have a length of 1 m, and steps of 5 ms.
 """
 
-import time
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Iterator
 
-import jax
 import numpy as np
 from measurements.measurement import Record, measurement
 from measurements.pages import columns
@@ -22,35 +19,23 @@ RADIUS = 0.02
 POST = jaxgrity.Box((0.0, 0.0, 0.0), (0.2, 2.0, 0.6))
 """Post with edges along y at the height 0.3 m."""
 STEP = SolverOptions(dt=5e-3)
+"""The default step of robots of this size on exact contact, s."""
 PLACES = 127
 """Number of places between the ends of a rod at which its depth in the post is looked up: one each 8 mm."""
 MASSES = (1.0, 2.0, 0.5, 1.0)
 """Masses of the ends of two rods that are thrown at each other, kg: unequal, so that impacts turn them."""
 
 
-@measurement(page="terrain.md", quick={"count": 6, "repeats": 1, "grounds": ("plane",)})
-def thrown_rods(
-    count: int = 200,
-    repeats: int = 20,
-    grounds: tuple[str, ...] = ("plane", "bumps", "heights", "stairs", "coupled", "along"),
-) -> Iterator[Record]:
-    """A row for each kind of throw, and beside the rows the costs.
+@measurement(page="terrain.md", quick={"count": 6})
+def thrown_rods(count: int = 200) -> Iterator[Record]:
+    """A row for each kind of throw.
 
     Args:
         count: number of throws at the post, and of pairs
-        repeats: number of rollouts for each cost, the quickest of which counts
-        grounds: names of the grounds on which steps are timed, of GROUNDS
     """
     yield {"thrown": "thin rods, at a post", **summary([at_post(k) for k in range(count)])}
     for name, chosen in (("pairs that cross", crossing), ("nearly parallel pairs", nearly_parallel)):
         yield {"thrown": name, **summary([at_each_other(k) for k in range(count) if chosen(k)])}
-    models = {name: MODELS if name in SURFACES else MODELS[:1] for name in grounds}
-    return {
-        "costs": [
-            {"ground": name, **{model: seconds(name, model, repeats) for model in chosen}}
-            for name, chosen in models.items()
-        ]
-    }
 
 
 def summary(throws: list[dict]) -> dict:
@@ -138,78 +123,14 @@ def to_point(x: np.ndarray, start: np.ndarray, along: np.ndarray) -> float:
     return float(np.linalg.norm(x - start - share * along))
 
 
-def seconds(name: str, model: str, repeats: int) -> float:
-    """Processor time of a step of the robot that rolls by `straight`, s; the quickest rollout of 2 s counts."""
-    scene, duration = cost_scene(name, model), 2.0
-    wanted = SolverOptions(dt=5e-3, coupled=name not in SURFACES) if model == "exact" else SolverOptions("rk4")
-    options = jaxgrity.stepping.resolve(scene, duration, wanted)
-    moved = jax.jit(lambda: jaxgrity.final_state(scene, duration, options))
-    spent = []
-    for _ in range(repeats + 1):  # the first one compiles
-        began = time.process_time()
-        jax.block_until_ready(moved())
-        spent.append(time.process_time() - began)
-    return min(spent[1:]) / (duration / options.dt)
-
-
-def cost_scene(name: str, model: str) -> Scene:
-    """The six-strut robot on one of GROUNDS, on this contact model."""
-    scene = jaxgrity.with_gait(jaxgrity.load_scene(model), jaxgrity.load_gait("straight"))
-    ground = replace(scene.ground, surface=SURFACES.get(name, SURFACES["stairs"])())
-    nodes = ground.set_down(np.asarray(scene.structure.nodes), 0.0)
-    there = replace(scene, ground=ground, structure=replace(scene.structure, nodes=nodes))
-    return with_contact_along_struts(there, 1) if name == "along" else there
-
-
-def heights() -> jaxgrity.HeightMap:
-    """A map of 9 by 9 heights, 2 cm at random."""
-    return jaxgrity.height_map(0.02 * np.random.default_rng(0).normal(size=(9, 9)), (8.0, 8.0))
-
-
-SURFACES = {
-    "plane": lambda: None,
-    "bumps": lambda: jaxgrity.bumps(0.02, 0.8, seed=0),
-    "heights": heights,
-    "stairs": lambda: jaxgrity.Stairs(0.1, 0.3, 4, start=0.7),
-}
-"""The surfaces; other grounds have the stairs and the coupled solver, on exact contact only."""
-GROUNDS = {
-    "plane": "plane",
-    "bumps": "bumps of eight waves",
-    "heights": "map of 81 heights",
-    "stairs": "stairs",
-    "coupled": "stairs, coupled solver",
-    "along": "stairs, coupled solver, contact along struts",
-}
-"""The words of the table for each ground."""
-MODELS = "exact", "reference"
-"""Scenes of the robot on exact and on penalty contact."""
-
-
 @thrown_rods.table
 def words(record: Record) -> str:
     """How deep rods enter, and how much energy grows."""
     cells = {
         "thrown": "{thrown}",
         "throws": "{count}",
-        "95 % of them overlap by at most, mm": lambda row: f"{1e3 * row['most']:.2f}",
+        "95 % overlap by at most, mm": lambda row: f"{1e3 * row['most']:.2f}",
         "largest overlap, mm": lambda row: f"{1e3 * row['largest']:.2f}",
-        "energy grows in a step by at most": lambda row: "-" if row["growth"] is None else f"{row['growth']:.1%}",
+        "energy grows in a step by at most, %": lambda row: "-" if row["growth"] is None else f"{100 * row['growth']:.1f}",
     }
     return columns(record["rows"], cells)
-
-
-@thrown_rods.table(part="cost")
-def cost(record: Record) -> str:
-    """The time of a step on each ground."""
-    base = next(row for row in record["costs"] if row["ground"] == "plane")
-
-    def times(model: str) -> Callable[[dict], str]:
-        return lambda row: f"{row[model] / base[model]:.1f}" if model in row else "-"
-
-    cells = {
-        "ground": lambda row: GROUNDS[row["ground"]],
-        "a step on exact contact, plane = 1": times("exact"),
-        "a step on penalty contact, plane = 1": times("reference"),
-    }
-    return columns(record["costs"], cells)

@@ -26,7 +26,7 @@ BLOCKS = {
     "docs/gaits.md": 1,
     "docs/gait_records.md": 19,
     "docs/accuracy.md": 13,
-    "docs/terrain.md": 3,
+    "docs/terrain.md": 2,
     "docs/performance.md": 6,
     "docs/scaling.md": 3,
     "docs/identification.md": 4,
