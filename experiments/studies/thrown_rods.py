@@ -126,11 +126,12 @@ def to_point(x: np.ndarray, start: np.ndarray, along: np.ndarray) -> float:
 @thrown_rods.table
 def words(record: Record) -> str:
     """How deep rods enter, and how much energy grows."""
+    growth = lambda row: "-" if row["growth"] is None else f"{100 * row['growth']:.1f}"  # noqa: E731
     cells = {
         "thrown": "{thrown}",
         "throws": "{count}",
         "95 % overlap by at most, mm": lambda row: f"{1e3 * row['most']:.2f}",
         "largest overlap, mm": lambda row: f"{1e3 * row['largest']:.2f}",
-        "energy grows in a step by at most, %": lambda row: "-" if row["growth"] is None else f"{100 * row['growth']:.1f}",
+        "energy grows per step by at most, %": growth,
     }
     return columns(record["rows"], cells)
