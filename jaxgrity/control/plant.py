@@ -189,10 +189,10 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
     """
     check_key(key)
     dtype = plant.options.dtype
-    shapes = None if start is None else {np.shape(x) for x in start}
-    if shapes is not None and shapes != {plant.scene.structure.nodes.shape}:
+    shapes = None if start is None else [np.shape(x) for x in start]
+    if shapes is not None and shapes != 2 * [plant.scene.structure.nodes.shape]:
         expected = f"q and v of shape {plant.scene.structure.nodes.shape} each"
-        raise InputError(f"start has arrays of shape {', '.join(map(str, sorted(shapes)))}: expected {expected}")
+        raise InputError(f"start has arrays of shape {', '.join(map(str, sorted(set(shapes))))}: expected {expected}")
     motion = start_of(plant.scene) if start is None else jax.tree.map(lambda x: jnp.asarray(x, dtype), tuple(start))
     return begun(plant, key, possible(plant.scene, plant.lift, motion, one=plant.robots is None))
 

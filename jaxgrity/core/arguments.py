@@ -27,7 +27,7 @@ def is_count(number: Any, least: int) -> bool:
 def check_count(where: str, number: Any, least: int) -> int:
     """A whole number, at least `least`; else `InputError`."""
     if not is_count(number, least):
-        raise InputError(f"{where} = {number!r}: expected a whole number, at least {least}")
+        raise InputError(f"{where} = {_plain(number)!r}: expected a whole number, at least {least}")
     return int(number)
 
 
@@ -35,7 +35,7 @@ def check_index(where: str, number: Any, count: int | None = None) -> int:
     """A whole number from 0 on, less than `count` where that is known; else `InputError`."""
     if not is_count(number, 0) or (count is not None and number >= count):
         most = "on" if count is None else f"to {count - 1}"
-        raise InputError(f"{where} = {number!r}: expected a whole number from 0 {most}")
+        raise InputError(f"{where} = {_plain(number)!r}: expected a whole number from 0 {most}")
     return int(number)
 
 
@@ -47,6 +47,14 @@ def check_indices(where: str, numbers: Any, count: int | None = None) -> tuple[i
     if len(set(found)) < len(found):
         raise InputError(f"{where} = {list(found)}: expected each number once")
     return found
+
+
+def ends_of(edges: Any, nodes: int) -> np.ndarray:
+    """(members, 2), the nodes at both ends of each member; `InputError` for one that is not among so many nodes."""
+    ends = np.asarray(edges, int).reshape(-1, 2)
+    for k in np.flatnonzero(((ends < 0) | (ends >= nodes)).any(1))[:1]:
+        raise InputError(f"edges[{k}] = {ends[k].tolist()}: expected two nodes from 0 to {nodes - 1}")
+    return ends
 
 
 def check_number(
@@ -131,6 +139,11 @@ def check_all_finite(tree: Any, where: str = "", *, on_devices: bool = False) ->
             known = not isinstance(leaf, jax.core.Tracer) and jax.numpy.issubdtype(leaf.dtype, jax.numpy.floating)
         if known and _real(np.asarray(leaf)):
             check_finite(f"{where}{jax.tree_util.keystr(path)}".removeprefix("."), np.asarray(leaf))
+
+
+def _plain(value: Any) -> Any:
+    """Python's number in place of NumPy's, whose text names its class."""
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _place(at: tuple[int, ...]) -> str:

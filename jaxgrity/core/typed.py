@@ -90,7 +90,8 @@ def _known(kind: Any) -> bool:
 def _fits(value: Any, kinds: tuple[type, ...]) -> bool:
     if isinstance(value, kinds):
         return True
-    number = any(kind in (float, int, bool) for kind in kinds) and hasattr(value, "__float__")
+    single = hasattr(value, "__float__") and not getattr(value, "ndim", 0)
+    number = single and any(kind in (float, int, bool) for kind in kinds)
     if isinstance(value, float | np.floating) and int in kinds and float not in kinds and not value.is_integer():
         return False
     return number or (Path in kinds and isinstance(value, os.PathLike))
@@ -142,11 +143,13 @@ def _parts(value: Any) -> list[str]:
 
 
 def _shown(value: Any) -> str:
-    """A short value as it is, the class of any other."""
+    """A short value as it is, the shape of an array, the class of anything else."""
     if inspect.isclass(value):
         return f"the class {value.__name__} itself"
     if value is None or isinstance(value, str | os.PathLike | dict | int | float):
         return reprlib.repr(os.fspath(value) if isinstance(value, os.PathLike) else value)
+    if getattr(value, "ndim", 0):
+        return f"an array of shape {np.shape(value)}"
     return f"{_article(type(value).__name__)} {type(value).__name__}"
 
 

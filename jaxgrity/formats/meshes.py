@@ -28,9 +28,11 @@ def save_mesh(scene: Scene, path: str | Path) -> tuple[str, ...]:
     """Write a structure in its initial shape as a mesh: struts and cables are round bars, struts thicker.
 
     GLB files have y up, as glTF asks; OBJ files z up, as scenes do. Lengths are in metres. Returns sentences on what
-    such a file does not hold. Raises `InputError` where trimesh is not installed or there are no members.
+    such a file does not hold. Raises `InputError` for another ending, without trimesh or without members.
     """
     path = Path(path)
+    if path.suffix not in (".glb", ".obj"):
+        raise InputError(f"{path}: unknown ending of a mesh; expected .glb or .obj")
     if importlib.util.find_spec("trimesh") is None:
         raise InputError(f"{path}: meshes need trimesh; expected: pip install 'jaxgrity[view]'")
     structure, x = scene.structure, np.asarray(scene.structure.nodes, float)

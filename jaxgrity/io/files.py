@@ -27,7 +27,7 @@ def shipped(kind: str) -> dict[str, Path]:
 def found_file(what: str, kind: str, name: str | Path) -> Path:
     """The library's file of that name, or else the one at that path. Raises `InputError` if there is neither."""
     known = shipped(kind)
-    if str(name) not in known and not Path(name).exists():
+    if str(name) not in known and not (str(name) and Path(name).exists()):  # the path "" is the folder one is in
         expected = f"expected a file, or one of {', '.join(known)}"
         raise InputError(f"{what} {str(name)!r}: {unknown(str(name), tuple(known))}; {expected}")
     return known.get(str(name), Path(name))

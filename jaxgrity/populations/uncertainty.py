@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxgrity.core import draws
-from jaxgrity.core.arguments import check_count, check_each, check_number, check_unit_vector
+from jaxgrity.core.arguments import check_count, check_each, check_key, check_number, check_unit_vector
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import edge_vectors
 from jaxgrity.core.typed import typed
@@ -187,6 +187,7 @@ def ensemble(
     effects cancel from a mean. Raises `InputError` for less than one robot, a quantity that the scene lacks, amplitudes
     that may reach 1, terrain beside balls or contact along struts, prestress of nonlinear cables.
     """
+    check_key(key)
     check_count("count", count, 1)
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
     rows = count if common else count * size
@@ -281,9 +282,8 @@ def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
     """(robots, 3), m: the surface's place, moved by (robots, 2), and up or down: starts stay as high above it."""
     ground = scene.ground
     if ground is None or ground.surface is None:
-        raise InputError(
-            "terrain: robots cannot differ in it, since the ground is a plane or missing; expected a surface"
-        )
+        lacking = "robots cannot differ in it, since the ground is a plane or missing"
+        raise InputError(f"terrain: {lacking}; expected a surface")
     if ground.balls is not None or radii_along_struts(scene):
         what = "balls" if ground.balls is not None else "contact along struts"
         raise InputError(f"terrain: robots with {what} would start in the ground; expected terrain = 0, or no {what}")

@@ -1,5 +1,6 @@
 """Objectives of a search, and bounds on actuators."""
 
+import inspect
 from abc import abstractmethod
 from functools import partial
 from typing import ClassVar
@@ -196,8 +197,10 @@ OBJECTIVES: dict[str, type[Objective]] = {}
 def register_objective(name: str, kind: type[Objective]) -> type[Objective]:
     """Register your own objective under a name for commands. Returns it.
 
-    Raises `InputError` if the name is taken.
+    Raises `InputError` if the name is taken, or the kind is no subclass of `Objective`.
     """
+    if not (inspect.isclass(kind) and issubclass(kind, Objective)):
+        raise InputError(f"objective = {name!r}: its kind is {kind!r}; expected a subclass of Objective")
     if name in OBJECTIVES:
         raise InputError(f"objective = {name!r}: there is one of this name already; expected another name")
     OBJECTIVES[name] = kind

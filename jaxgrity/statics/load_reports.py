@@ -169,7 +169,8 @@ def _case(scene: Scene, case: LoadCase | str) -> LoadCase:
         return case
     known = {each.name: each for each in scene.loads}
     if case not in known:
-        raise InputError(f"case = {case!r}: unknown; expected one of {', '.join(known) or 'none, the scene has none'}")
+        expected = f"expected one of {', '.join(known)}" if known else "the scene has none; expected [[loads]] in it"
+        raise InputError(f"case = {case!r}: unknown; {expected}")
     return known[case]
 
 

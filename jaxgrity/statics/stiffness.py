@@ -13,6 +13,7 @@ from jaxtyping import Bool
 from scipy.linalg import null_space
 from scipy.sparse.csgraph import connected_components
 
+from jaxgrity.core.arguments import ends_of
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.typed import typed
@@ -42,7 +43,7 @@ def all_edges(structure: Structure) -> Edges:
 
 def incidence(edges: Edges, nodes: int) -> sp.csr_array:
     """C (members, nodes): +1 at the first node of each member, -1 at the second; C q are the members' d."""
-    ends = np.asarray(edges, int).reshape(-1, 2)
+    ends = ends_of(edges, nodes)
     rows = np.repeat(np.arange(len(ends)), 2)
     return sp.csr_array((np.tile([1.0, -1.0], len(ends)), (rows, ends.ravel())), shape=(len(ends), nodes))
 
@@ -78,8 +79,7 @@ def stiffness_matrix(scene: Scene, q: NodeVectors) -> sp.csc_array:
 
 
 def tangent_of(scene: Scene) -> Callable[[NodeVectors], Tangent]:
-    """The map from shapes to U, its gradient and its Hessian at t = 0, from one compiled program; see
-    `stiffness_matrix`."""
+    """U, its gradient and its Hessian at t = 0 as a function of shapes: one compiled program (`stiffness_matrix`)."""
     cables, nodes = scene.structure.cables, len(scene.structure.nodes)
     with jax.enable_x64(True):
         known = as_dtype(scene, "float64")

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
@@ -73,10 +74,12 @@ def rollout(
         (2,)
     """
     _check_frames(times)
-    q, v = start_of(scene) if start is None else start
-    q, v = (x if isinstance(x, jax.Array) else np.asarray(x, float) for x in (q, v))
-    check_shapes(scene, (q, v))
-    if steps is None and traced(times):
+    start = start_of(scene) if start is None else start
+    check_shapes(scene, start)
+    q, v = (x if isinstance(x, jax.Array) else np.asarray(x, float) for x in start)
+    if steps is not None:
+        check_count("steps", steps, 1)
+    elif traced(times):
         raise InputError("times are being traced; pass `steps`, the number of steps between frames")
     resolved = resolve(scene, options=options, positions=q, since=times[0])
     if resolved.dt is None:

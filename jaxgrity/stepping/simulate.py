@@ -195,7 +195,7 @@ def simulate(
     resolved = resolve(scene, float(duration), options, positions=positions)
     times = frame_times(float(duration), frame_rate)
     q = scene.structure.nodes if positions is None else positions
-    v = np.zeros(q.shape) if velocities is None else velocities
+    v = np.zeros(np.shape(q)) if velocities is None else velocities
     check_velocities(scene, (q, v), 0.0, resolved.method.constrained)
     saved = times
     if not traced((scene, q, v)):

@@ -42,8 +42,10 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
 
 
 def check_shapes(scene: Scene, start: State) -> None:
-    """Refuse positions and velocities that are not a row for each node; traced ones too."""
+    """Refuse what is not positions and velocities with a row for each node; traced ones too."""
     expected = scene.structure.nodes.shape
+    if not isinstance(start, tuple | list) or len(start) != 2:
+        raise InputError(f"start: expected two arrays of shape {expected}, positions and velocities, as (q, v)")
     for name, given in zip(("positions", "velocities"), start):
         if np.shape(given) != expected:
             found = f"start: {name} have shape {np.shape(given)}"

@@ -5,6 +5,7 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -477,6 +478,13 @@ def test_the_clock_of_feedback_needs_struts(scene):
     with pytest.raises(InputError, match=message):
         control.simulate_policy(control.plant_of(scene, (0, 6), options=TEN_MS), clock, 0.1)
     control.Blend(PhaseLocked(scene.gait), OpenLoop(scene.gait), 0.5).check(scene)
+
+
+def test_a_start_of_a_plant_is_a_pair(plant):
+    """Positions alone are none."""
+    jaxtyping.config.update("jaxtyping_disable", True)  # of this test alone: conftest.py sets it anew for each
+    with pytest.raises(InputError, match=r"start has arrays of shape \(12, 3\): expected q and v of shape"):
+        control.plant_start(plant, jax.random.key(0), (plant.scene.structure.nodes,))
 
 
 def test_a_drive_takes_whole_numbers(plant, scene):

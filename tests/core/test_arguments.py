@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, Members
+from jaxgrity import InputError, Members, edge_lengths, statics
 from jaxgrity.core import arguments
 from jaxgrity.core.types import as_float
 
@@ -26,7 +26,19 @@ def test_an_index_is_less_than_there_are_and_comes_once():
         arguments.check_indices("nodes", [1, 1])
     with pytest.raises(InputError, match="nodes = 1: expected a list of whole numbers"):
         arguments.check_indices("nodes", 1)
+    with pytest.raises(InputError, match=r"nodes\[0\] = 4: expected a whole number from 0 to 3"):
+        arguments.check_indices("nodes", np.array([4]), 4)
     assert arguments.check_indices("nodes", np.array([2, 0]), 3) == (2, 0)
+
+
+@pytest.mark.parametrize("edge", [(0, 3), (-1, 2)])
+def test_members_end_at_nodes_that_there_are(edge):
+    """Where lengths and matrices are asked of plain arrays, too."""
+    message = rf"edges\[1\] = \[{edge[0]}, {edge[1]}\]: expected two nodes from 0 to 2"
+    for asked in (edge_lengths, statics.equilibrium_matrix):
+        with pytest.raises(InputError, match=message):
+            asked(np.eye(3), ((0, 1), edge))
+    assert edge_lengths(np.eye(3), ()).shape == (0,)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, "half", None, True, [1.0], 1j])

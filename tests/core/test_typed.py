@@ -1,10 +1,12 @@
 """Arguments of the wrong kind are refused in one line, by every public function and before anything else."""
 
 import inspect
+import re
 from importlib import import_module
 from pathlib import Path
 
 import equinox as eqx
+import jax.numpy as jnp
 import jaxtyping
 import numpy as np
 import pytest
@@ -57,6 +59,20 @@ def test_parts_of_whole_numbers_are_refused():
     for seed in (0.5, np.float64(0.5), np.float32(2.5), np.nan, np.inf):
         with pytest.raises(InputError, match=r"counted: seed is .*; expected a whole number"):
             counted(seed)
+
+
+def test_arrays_are_no_single_numbers(scene):
+    """Of NumPy and of JAX; an array without axes is one number."""
+    for several in (np.ones(2), jnp.ones(1), np.ones((1, 1))):
+        message = re.escape(f"simulate: duration is an array of shape {several.shape}; expected a number")
+        with pytest.raises(InputError, match=message):
+            simulate(scene, several)
+
+    @typed
+    def doubled(x: float) -> float:
+        return 2 * x
+
+    assert doubled(np.array(1.5)) == doubled(jnp.array(1.5)) == 3
 
 
 @pytest.fixture(scope="module")

@@ -231,6 +231,8 @@ def test_meshes_have_the_shape(reference, tmp_path):
         assert found.bounds[1, up] == pytest.approx(nodes[:, 2].max(), abs=0.02)
         np.testing.assert_allclose(np.sort(found.extents), np.sort(np.ptp(nodes, axis=0)), atol=0.03)
     assert set(trimesh.load(tmp_path / "robot.glb").geometry) == {"struts", "cables"}
+    with pytest.raises(InputError, match=r"robot\.stl: unknown ending of a mesh; expected \.glb or \.obj"):
+        save_mesh(reference, tmp_path / "robot.stl")
 
 
 def test_motions_with_units(reference, tmp_path):

@@ -115,6 +115,8 @@ def test_what_is_no_gait_is_refused(tmp_path, change, words):
 
 def test_unknown_gaits_are_refused(tmp_path):
     """The names that there are stand in the error; a file that is no JSON is named."""
+    with pytest.raises(InputError, match=r"gait '': unknown; expected a file, or one of .*lasting"):
+        load_gait("")
     with pytest.raises(InputError, match=r"gait 'fly': unknown; expected a file, or one of .*lasting"):
         load_gait("fly")
     (tmp_path / "gait.json").write_text("{")

@@ -335,6 +335,12 @@ def test_what_a_scene_lacks_cannot_differ(exact, part, name):
         differing(scene, Differences(**{name: value}))
 
 
+def test_draws_need_a_key(exact):
+    """A seed is none."""
+    with pytest.raises(InputError, match=r"key of type int64 and shape \(\): expected one key, such as jax.random.key"):
+        ensemble(0, exact, gaits(exact, 1), Uncertainty(phase=0.1), 2)
+
+
 def test_a_slope_is_not_added_to_another_one(exact):
     """Gravity that leans already would be put upright."""
     leaning = dataclasses.replace(exact, up=np.array([0.6, 0.0, 0.8]))

@@ -5,6 +5,7 @@ import math
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -339,3 +340,9 @@ def test_an_objective_of_ones_own_is_found_by_its_name(monkeypatch):
     for taken in ("climb", "distance"):
         with pytest.raises(InputError, match=f"objective = '{taken}': there is one of this name already"):
             register_objective(taken, Climb)
+    jaxtyping.config.update("jaxtyping_disable", True)  # of this test alone: conftest.py sets it anew for each
+    for kind in (3, Climb(), ActuatorBounds):
+        with pytest.raises(InputError, match=r"objective = 'ascent': its kind is .*; expected a subclass of Objective"):
+            register_objective("ascent", kind)
+    with pytest.raises(InputError, match="objective = 'ascent': unknown"):
+        find_objective("ascent")

@@ -153,6 +153,8 @@ def test_loads_that_make_no_sense_are_refused(prism):
     jaxtyping.config.update("jaxtyping_disable", True)  # of this test alone: conftest.py sets it anew for each
     with pytest.raises(InputError, match="case = 'snow': unknown; expected one of payload, wind, up"):
         load_report(prism, "snow")
+    with pytest.raises(InputError, match=r"case = 'snow': unknown; the scene has none; expected \[\[loads\]\] in it"):
+        load_report(dataclasses.replace(prism, loads=()), "snow")
     with pytest.raises(InputError, match=r"load case 'far': nodes\[0\] = 9: expected a whole number from 0 to 5"):
         load_report(prism, LoadCase("far", (9,), np.ones((1, 3))))
     with pytest.raises(InputError, match="loads has 3; expected a LoadCase"):

@@ -166,6 +166,8 @@ def test_steps_are_as_fine_as_the_options_say():
         ("steps = 0: expected a whole number, at least 1", lambda: rollout(SCENE, TIMES, steps=0)),
         ("times are being traced; pass `steps`", lambda: jax.jit(lambda t: rollout(SCENE, t).ok)(TIMES)),
         ("start: velocities have shape", lambda: rollout(SCENE, TIMES, start=(SCENE.structure.nodes, np.zeros(3)))),
+        ("start: expected two arrays of shape", lambda: rollout(SCENE, TIMES, start=(SCENE.structure.nodes,))),
+        ("start: expected two arrays of shape", lambda: final_state(SCENE, 0.1, resolve(SCENE), SCENE.structure.nodes)),
         ("start: positions have shape", lambda: final_state(SCENE, 0.1, resolve(SCENE), (np.zeros(3), np.zeros(3)))),
         ("time = nan: expected a finite number", lambda: final_state(SCENE, 0.1, resolve(SCENE), since=np.nan)),
         ("adapts its step", lambda: rollout(swept(stiff=False), TIMES, options=SolverOptions("tsit5"))),

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import jax
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -28,6 +29,14 @@ def test_a_rollout_starts_where_and_as_fast_as_asked(falling):
     np.testing.assert_allclose(motion.positions, q + ways, rtol=0, atol=1e-13)
     centre = np.average(q + ways, axis=1, weights=[1.0, 3.0])
     np.testing.assert_allclose(centre_path(falling, motion), centre, rtol=0, atol=1e-13)
+
+
+def test_a_start_may_be_a_list(falling):
+    """Of rows of numbers."""
+    jaxtyping.config.update("jaxtyping_disable", True)  # of this test alone: conftest.py sets it anew for each
+    q = [[0.0, 0, 5], [0, 2, 5]]
+    from_list, from_array = (simulate(falling, 0.5, frame_rate=10.0, positions=x) for x in (q, np.array(q)))
+    np.testing.assert_array_equal(from_list.positions, from_array.positions)
 
 
 @pytest.mark.parametrize("name", ["positions", "velocities"])
