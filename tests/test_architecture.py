@@ -108,9 +108,13 @@ def test_imports_stand_at_the_top():
 
 
 def test_motions_are_stepped_in_one_place():
-    """A method's step is taken, and its memory begun, by `stepping/loop.py` alone; diffrax does the rest."""
+    """A method's step is taken, and its memory begun, by `stepping/loop.py` alone; diffrax does the rest. Experiments
+    step by it too."""
     takers = {module for module, text in TEXTS.items() if re.search(r"(?<!environment)\.step\(|solver\.init\(", text)}
     assert takers == {"stepping/loop.py"}
+    scripts = {path.name: path.read_text() for path in (PACKAGE.parent / "experiments").rglob("*.py")}
+    assert any("advance(scheme" in text for text in scripts.values())
+    assert not [name for name, text in scripts.items() if re.search(r"solver\.(step|init)\(", text)]
 
 
 def test_every_module_says_what_it_is():

@@ -20,6 +20,7 @@ from jaxgrity.populations import discretise_lanes
 from jaxgrity.report import plot
 from jaxgrity.search import checkpointed_end, distances
 from jaxgrity.stepping import ResolvedOptions, resolve
+from jaxgrity.stepping.loop import carried_at, numbered, repeated
 
 End = Callable[[Scene, Scene, tuple, float, ResolvedOptions], tuple]
 """a scene, its `in_axes`, the start, the horizon (s) and options, to the state of all gaits at the horizon"""
@@ -131,13 +132,9 @@ def varied(scene: Scene, gaits: Gait, parameters: int) -> tuple[jax.Array, Calla
 
 def plain_end(scene: Scene, axes: Scene, start: tuple, horizon: float, options: ResolvedOptions) -> tuple:
     """The state at the horizon, by a scan over all steps: reverse mode keeps what each of them computed."""
-    terms, solver = discretise_lanes(options, axes)
-    h = options.dt
-
-    def step(y, k):
-        return solver.step(terms, k * h, (k + 1) * h, y, scene, None, False)[0], None
-
-    return jax.lax.scan(step, start, jnp.arange(round(horizon / h), dtype=options.dtype))[0]
+    scheme, h = discretise_lanes(options, axes), options.dt
+    numbers = jnp.arange(round(horizon / h), dtype=options.dtype)
+    return repeated(numbered(scheme, scene, h), carried_at(scheme, scene, 0.0, h, start), numbers).motion
 
 
 def diffrax_end(adjoint: diffrax.AbstractAdjoint) -> End:

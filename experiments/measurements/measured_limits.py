@@ -8,6 +8,7 @@ import numpy as np
 from jaxgrity import Scene, SolverOptions, as_dtype, simulate
 from jaxgrity.statics import resting_shape
 from jaxgrity.stepping import Method, discretise, resolve, standing
+from jaxgrity.stepping.loop import advance, carried_at
 
 State = tuple[np.ndarray, np.ndarray]
 """positions q (nodes, 3), m, and velocities v (nodes, 3), m/s"""
@@ -53,17 +54,16 @@ def measure(scene: Scene, state: State, method: Method, predicted: float, factor
 @eqx.filter_jit
 def spread(scene: Scene, state: State, draw, steps, options):
     """For each step size the largest distance, m, that a node gets from equilibrium in `STEPS` steps."""
-    terms, solver = discretise(options)
+    scheme = discretise(options)
     q, v = (jnp.asarray(x) for x in state)
 
     def one(h):
-        def advance(carry, k):
-            y, inner, largest = carry
-            y, _, _, inner, _ = solver.step(terms, 0 * h, h, y, scene, inner, False)
-            return (y, inner, jnp.maximum(largest, jnp.max(jnp.abs(y[0] - q)))), None
+        def watched(carry, k):
+            before, largest = carry
+            after = advance(scheme, scene, (0 * h, h), before)
+            return (after, jnp.maximum(largest, jnp.max(jnp.abs(after.motion[0] - q)))), None
 
-        y = (q + draw, v)
-        first = (y, solver.init(terms, 0 * h, h, y, scene), jnp.zeros(()))
-        return jax.lax.scan(advance, first, jnp.arange(STEPS))[0][2]
+        first = carried_at(scheme, scene, 0 * h, h, (q + draw, v)), jnp.zeros(())
+        return jax.lax.scan(watched, first, jnp.arange(STEPS))[0][1]
 
     return jax.vmap(one)(jnp.asarray(steps))

@@ -36,6 +36,7 @@ from jaxgrity import (
 from jaxgrity.model import rest_length
 from jaxgrity.populations import discretise_lanes, in_lanes, lanes_last, over_lanes
 from jaxgrity.stepping import resolve
+from jaxgrity.stepping.loop import advance, carried_at
 
 STEP = 5e-3
 """s"""
@@ -165,29 +166,29 @@ def judged(scene: Scene, gaits: Gait, differences: Differences, duration: float,
     single = as_dtype(scene, "float64")
     gaits, differences = jax.tree.map(lambda x: jnp.asarray(x, float), (gaits, differences))
     many, axes = in_lanes(single, lanes_last(gaits), lanes_last(differences))
-    terms, solver = discretise_lanes(resolved, axes)
+    scheme = discretise_lanes(resolved, axes)
     steps = round(duration / STEP)
     edges = np.array(scene.structure.struts.edges).T
 
     def step(carry, k):
-        (y, inner), worst = carry
-        y1, _, _, after, _ = solver.step(terms, k * STEP, (k + 1) * STEP, y, many, inner, False)
-        q = y1[0]
+        before, worst = carry
+        after = advance(scheme, many, (k * STEP, (k + 1) * STEP), before)
+        q = after.motion[0]
         wanted = over_lanes(lambda s: rest_length(s.structure.struts, s.gait, (k + 1) * STEP, 0), (axes,))(many)
         lengths = jnp.linalg.norm(q[edges[0]] - q[edges[1]], axis=1)
-        residual = after.residual if coupled else jnp.zeros(q.shape[-1])
+        residual = after.memory.residual if coupled else jnp.zeros(q.shape[-1])
         now = jnp.stack([residual, jnp.max(jnp.abs(lengths / wanted - 1), axis=0)])
         fine = jnp.isfinite(q).all(axis=(0, 1))
-        return ((y1, after), jnp.where(fine, jnp.maximum(worst, now), worst)), fine
+        return (after, jnp.where(fine, jnp.maximum(worst, now), worst)), fine
 
     start = (many.structure.nodes, 0 * many.structure.nodes)
-    first = solver.init(terms, 0.0, STEP, start, many)
+    first = carried_at(scheme, many, 0.0, STEP, start)
 
     @jax.jit
-    def roll(start, first):
-        return jax.lax.scan(step, ((start, first), jnp.zeros((2, start[0].shape[-1]))), jnp.arange(steps))
+    def roll(first):
+        return jax.lax.scan(step, (first, jnp.zeros((2, first.motion[0].shape[-1]))), jnp.arange(steps))
 
-    (_, worst), fine = roll(start, first)
+    (_, worst), fine = roll(first)
     fine = np.asarray(fine)
     at = np.where(fine.all(0), np.nan, STEP * np.argmin(fine, axis=0))
     return Verdict(at, *np.asarray(worst))

@@ -69,12 +69,15 @@ def carried_at(scheme: Scheme, scene: Scene, t: Scalar, h: Scalar, start: State)
     terms, solver = scheme
     first = solver.init(terms, t, t + h, start, scene)
     q, v = start
+    # of a robot that is known to be at rest all of the rest is nothing, and its program is shorter without it
     if not isinstance(first, ImpulseState) or not (traced(v) or np.any(np.asarray(v))):
         return Carried(start, first)
     still = at_rest(v)
     if scene.shaking is not None:
         shaken = lambda scene, v: left_by_step(scene.shaking, scene.structure, t, h, v)  # noqa: E731
         v = jnp.where(still, v, solver.lift(shaken, ("s", -1))(scene, v))  # type: ignore[attr-defined]
+    # v in the middle of a step that would end now: the first kick then takes as long as any other, and passes v on its
+    # way. So a motion that goes on from a frame does not differ from one that was never cut
     _, a = terms.vf(t, (q, v), scene.during(t - h / 2, t))
     w = jnp.where(still, v, v - h / 2 * a)
     return Carried((q, w), first._replace(step_size=jnp.where(still, 0, h).astype(q.dtype)))
