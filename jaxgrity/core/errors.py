@@ -9,8 +9,10 @@ class InputError(ValueError):
 
 
 def unknown(name: str, known: Iterable[str]) -> str:
-    """The word "unknown" for a message, with the known name closest to `name`, if one is close."""
-    nearest = difflib.get_close_matches(str(name), list(known), n=1)
+    """The word "unknown" for a message, with the one known name that begins so, or the closest, if one is close."""
+    known = list(known)
+    longer = [each for each in known if name and each.startswith(str(name))]
+    nearest = longer if len(longer) == 1 else difflib.get_close_matches(str(name), known, n=1)
     return f"unknown; perhaps you meant {nearest[0]}" if nearest else "unknown"
 
 

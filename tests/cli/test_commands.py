@@ -650,6 +650,7 @@ def test_every_stage_of_a_search_shows_how_far_it_is(search_run):
     [
         ((), "Expected one of {simulate, demo, search, "),
         (("simulat", "exact"), "command 'simulat': unknown; perhaps you meant simulate; expected one of simulate, "),
+        (("sim",), "command 'sim': unknown; perhaps you meant simulate; expected one of simulate, demo, search, "),
         (("serach",), "command 'serach': unknown; perhaps you meant search; expected one of simulate, demo, search, "),
         (("fly",), "command 'fly': unknown; expected one of simulate, demo, search, "),
         (("simulate", "refrence"), "scene 'refrence': unknown; perhaps you meant reference; expected a file"),
