@@ -49,7 +49,7 @@ def check_indices(where: str, numbers: Any, count: int | None = None) -> tuple[i
     return found
 
 
-def ends_of(edges: Any, nodes: int) -> np.ndarray:
+def known_ends(edges: Any, nodes: int) -> np.ndarray:
     """(members, 2), the nodes at both ends of each member; `InputError` for one that is not among so many nodes."""
     ends = np.asarray(edges, int).reshape(-1, 2)
     for k in np.flatnonzero(((ends < 0) | (ends >= nodes)).any(1))[:1]:

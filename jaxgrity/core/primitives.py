@@ -6,6 +6,8 @@ so that energies written for one robot stay fast under plain `jax.vmap(..., in_a
 Elementwise arithmetic keeps the layout as long as every operand has the population axis (`populations/lanes.py`).
 """
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +15,8 @@ from jax.interpreters import ad
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.making_primitives import linear_pair, primitive
-from jaxgrity.core.typed import check_rows, check_same_shape
+from jaxgrity.core.tracing import traced
+from jaxgrity.core.typed import check_same_shape, known_rows
 from jaxgrity.core.types import AnyArray, AnyRows, Edges, MemberVectors, Mobility, NodeVectors, PerMember, Rows, Scalar
 
 
@@ -105,9 +108,11 @@ ad.defbilinear(_outer_p, lambda ct, a, b: _respond_p.bind(ct, b, of=0), lambda c
 ad.defbilinear(_weigh_p, lambda ct, a, s: _weigh_p.bind(ct, s), lambda ct, a, s: _inner_p.bind(ct, a))
 
 
-def edge_vectors(x: NodeVectors, edges: Edges) -> MemberVectors:
+def edge_vectors(x: NodeVectors, edges: Edges | Sequence | AnyArray) -> MemberVectors:
     """x_i - x_j for each edge (i, j). Its transpose sums member forces onto the nodes."""
-    check_rows(tuple(node for edge in edges for node in edge), x.shape[0])
+    if not (isinstance(edges, tuple) or traced(edges)):
+        edges = tuple((i, j) for i, j in np.asarray(edges).tolist())
+    known_rows(tuple(node for edge in edges for node in edge), x.shape[0])
     return _difference_p.bind(x, edges=edges, nodes=x.shape[0])
 
 
@@ -132,16 +137,14 @@ def along(s: PerMember, direction: tuple[float, float, float] | AnyArray) -> Nod
     return scale(direction, s) if direction.ndim == 2 else _outer_p.bind(s, direction)
 
 
-def take_rows(x: AnyRows, rows: tuple[int, ...]) -> Rows:
+def take_rows(x: AnyRows, rows: Sequence[int] | AnyArray) -> Rows:
     """The chosen rows of `x`, each as often as chosen."""
-    check_rows(rows, x.shape[0])
-    return _take_p.bind(x, rows=rows, size=x.shape[0])
+    return _take_p.bind(x, rows=known_rows(rows, x.shape[0]), size=x.shape[0])
 
 
-def place_rows(x: Rows, rows: tuple[int, ...], size: int) -> AnyRows:
+def place_rows(x: Rows, rows: Sequence[int] | AnyArray, size: int) -> AnyRows:
     """The transpose of `take_rows`: `size` rows, each the sum of the rows of `x` placed there."""
-    check_rows(rows, size)
-    return _place_p.bind(x, rows=rows, size=size)
+    return _place_p.bind(x, rows=known_rows(rows, size), size=size)
 
 
 def dot(a: MemberVectors, b: MemberVectors) -> PerMember:

@@ -157,12 +157,23 @@ def _article(word: str) -> str:
     return "an" if word.startswith((*"AEIOaeio", "Unc")) else "a"
 
 
-def check_rows(rows: tuple[int, ...], size: int) -> None:
-    """Raises `InputError` for missing rows, of nodes or members: JAX would take the last one."""
+def known_rows(rows: Any, size: int) -> tuple[int, ...]:
+    """The numbers of nodes or members as a tuple, as a primitive needs them.
+
+    Raises `InputError` for missing rows, of which JAX would take the last one, and for what is no list of numbers.
+    """
     if traced(rows):
         raise InputError("its numbers of nodes or members are traced; expected them in a static field")
+    if not isinstance(rows, tuple):
+        listed = np.asarray(rows)
+        if listed.ndim != 1 or not (np.issubdtype(listed.dtype, np.integer) or not listed.size):
+            raise InputError(
+                f"rows of shape {listed.shape} and type {listed.dtype}; expected whole numbers, such as (0, 1)"
+            )
+        rows = tuple(listed.tolist())
     if outside := [row for row in rows if not 0 <= row < size]:
         raise InputError(f"there is no row {outside[0]}; expected 0 to {size - 1}")
+    return rows
 
 
 def check_same_shape(name: str, a: Any, b: Any) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
-from jaxgrity.core.arguments import check_each, ends_of, is_count
+from jaxgrity.core.arguments import check_each, is_count, known_ends
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import accumulate, edge_vectors, place_rows
 from jaxgrity.core.tracing import traced
@@ -267,7 +267,7 @@ def onto_nodes(forces: VectorsByKind, kinds: dict[str, Members], nodes: int) -> 
 
 def edge_lengths(nodes: NodeVectors, edges: Edges) -> np.ndarray:
     """Distance between the ends of each edge, m; NumPy, for use before a simulation."""
-    i, j = ends_of(edges, len(nodes)).T
+    i, j = known_ends(edges, len(nodes)).T
     return np.linalg.norm(np.asarray(nodes)[i] - np.asarray(nodes)[j], axis=1)
 
 

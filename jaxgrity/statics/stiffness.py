@@ -13,7 +13,7 @@ from jaxtyping import Bool
 from scipy.linalg import null_space
 from scipy.sparse.csgraph import connected_components
 
-from jaxgrity.core.arguments import ends_of
+from jaxgrity.core.arguments import known_ends
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.typed import typed
@@ -43,7 +43,7 @@ def all_edges(structure: Structure) -> Edges:
 
 def incidence(edges: Edges, nodes: int) -> sp.csr_array:
     """C (members, nodes): +1 at the first node of each member, -1 at the second; C q are the members' d."""
-    ends = ends_of(edges, nodes)
+    ends = known_ends(edges, nodes)
     rows = np.repeat(np.arange(len(ends)), 2)
     return sp.csr_array((np.tile([1.0, -1.0], len(ends)), (rows, ends.ravel())), shape=(len(ends), nodes))
 

@@ -76,9 +76,7 @@ def final_state(
     count = _counted(duration, options, steps)
     check_times(since + duration, options)
     check_options(scene, options)
-    begins = start_of(scene) if start is None else start
-    check_shapes(scene, begins)
-    q, v = begins
+    q, v = check_shapes(scene, start_of(scene) if start is None else start)
     check_start(scene, None if start is None else q, since)
     check_velocities(scene, (q, v), since, options.method.constrained)
     # numbers that are known stay so: nothing has to be computed of a start at rest

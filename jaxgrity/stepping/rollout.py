@@ -74,8 +74,7 @@ def rollout(
         (2,)
     """
     _check_frames(times)
-    start = start_of(scene) if start is None else start
-    check_shapes(scene, start)
+    start = check_shapes(scene, start_of(scene) if start is None else start)
     q, v = (x if isinstance(x, jax.Array) else np.asarray(x, float) for x in start)
     if steps is not None:
         check_count("steps", steps, 1)

@@ -41,8 +41,8 @@ def check_start(scene: Scene, positions: NodeVectors | None = None, since: Scala
             raise InputError(constraint.complaint(q, float(since), int(gaps.argmax())))
 
 
-def check_shapes(scene: Scene, start: State) -> None:
-    """Refuse what is not positions and velocities with a row for each node; traced ones too."""
+def check_shapes(scene: Scene, start: State) -> State:
+    """The start; refused if it is not positions and velocities with a row for each node, traced ones too."""
     expected = scene.structure.nodes.shape
     if not isinstance(start, tuple | list) or len(start) != 2:
         raise InputError(f"start: expected two arrays of shape {expected}, positions and velocities, as (q, v)")
@@ -50,6 +50,7 @@ def check_shapes(scene: Scene, start: State) -> None:
         if np.shape(given) != expected:
             found = f"start: {name} have shape {np.shape(given)}"
             raise InputError(f"{found}; expected {expected}, a row for each node")
+    return start
 
 
 def check_known_velocities(scene: Scene, velocities: AnyArray, since: Scalar = 0.0) -> None:

@@ -2,12 +2,14 @@
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxgrity.core.primitives import accumulate, edge_vectors, store_cotangent, take_rows
+from jaxgrity import InputError
+from jaxgrity.core.primitives import accumulate, edge_vectors, place_rows, store_cotangent, take_rows
 from jaxgrity.stepping.blocks import largest
 
 NODES = 6
@@ -41,6 +43,24 @@ def test_rows_may_repeat(rows):
     y, back = jax.vjp(lambda x: take_rows(x, rows), x)
     np.testing.assert_array_equal(y, chosen @ x)
     np.testing.assert_allclose(back(y)[0], chosen.T @ chosen @ x, rtol=1e-14, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", [tuple, list, np.array, jnp.array])
+def test_rows_and_edges_may_be_arrays(kind):
+    """Or lists, of whole numbers that are known."""
+    x = np.random.default_rng(0).normal(size=(NODES, 3))
+    np.testing.assert_array_equal(take_rows(x, kind([4, 0])), x[[4, 0]])
+    np.testing.assert_array_equal(place_rows(x[:2], kind([4, 4]), NODES)[4], x[0] + x[1])
+    np.testing.assert_array_equal(edge_vectors(x, kind([(4, 0), (1, 2)])), x[[4, 1]] - x[[0, 2]])
+    with pytest.raises(InputError, match="there is no row 6; expected 0 to 5"):
+        take_rows(x, kind([0, 6]))
+
+
+@pytest.mark.parametrize("rows", [np.array([0.0]), np.array([[0, 1]]), np.array([True]), 0])
+def test_rows_are_whole_numbers(rows):
+    jaxtyping.config.update("jaxtyping_disable", True)  # of this test alone: conftest.py sets it anew for each
+    with pytest.raises(InputError, match=r"rows of shape .* and type .*; expected whole numbers, such as \(0, 1\)"):
+        take_rows(np.ones((NODES, 3)), rows)
 
 
 def test_stored_cotangents_are_the_same():
