@@ -52,7 +52,7 @@ from .populations.metrics import Metrics
 from .populations.motion_kinds import Rolling, rolling
 from .populations.population import Outcomes, as_population, gaits_of, one_gait, simulate_population
 from .populations.uncertainty import Differences, Uncertainty, differing, ensemble
-from .search.genetic_algorithm import Evolution, GAConfig, SearchProblem, evolve
+from .search.genetic_algorithm import Evolution, GAConfig, evolve
 from .search.genome import Genome
 from .search.judging import Fitness
 from .search.objectives import (
@@ -71,6 +71,7 @@ from .search.objectives import (
 from .search.pipeline import SearchResult, search_gaits
 from .search.polish import Polished, polish
 from .search.polish_config import PolishConfig
+from .search.problem import SearchProblem
 from .search.search_config import SearchConfig
 from .statics.describe import describe
 from .stepping.discretisation import FAILURES

@@ -13,11 +13,12 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.populations.population import one_gait
 from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.climb import ClimbStep
-from jaxgrity.search.genetic_algorithm import EvolutionState, GAConfig, SearchProblem, evolve
+from jaxgrity.search.genetic_algorithm import EvolutionState, GAConfig, evolve
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.judging import Fitness
 from jaxgrity.search.polish import polish
 from jaxgrity.search.polish_config import PolishConfig
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.stepping.options import SolverOptions
 
 SEARCH = GAConfig(population=64, generations=16, elites=4)

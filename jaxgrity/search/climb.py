@@ -16,10 +16,10 @@ from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import with_gait
 from jaxgrity.populations.population import one_gait
-from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.gradients import ClimbTask, Gradient, combine, pathwise_gradient, smoothed_gradients
 from jaxgrity.search.polish_config import GradientKind, PolishConfig, cost_of_gradient, share_simulated
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.stepping.options import ResolvedOptions
 from jaxgrity.trust.sensitivity import Sensitivity, sensitivity
 

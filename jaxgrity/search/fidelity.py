@@ -17,7 +17,7 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.contact_twin import contact_twin, exact_twin, is_exact
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.population import as_population
-from jaxgrity.search.genetic_algorithm import Evolution, EvolutionState, GAConfig, SearchProblem, begin, evolve
+from jaxgrity.search.genetic_algorithm import Evolution, EvolutionState, GAConfig, begin, evolve
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import (
     ROBOTS_PER_ROUND,
@@ -33,6 +33,7 @@ from jaxgrity.search.judging import (
 )
 from jaxgrity.search.models import model_of, rough_step, twin_model
 from jaxgrity.search.objectives import ActuatorBounds
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.step_limits import default_step

@@ -1,7 +1,4 @@
-"""A genetic algorithm over gaits: genes of fast gaits that also roll on perturbed robots.
-
-Here is also `SearchProblem`, which all stages of a search share.
-"""
+"""A genetic algorithm over gaits: genes of fast gaits that also roll on perturbed robots."""
 
 import math
 from collections.abc import Callable
@@ -18,35 +15,11 @@ from jaxgrity.core.arguments import check_count, check_each, check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
-from jaxgrity.model.scene import Scene
 from jaxgrity.search.cma_es import asked_next, check_optimiser, fewest
 from jaxgrity.search.genome import Genes, Genome
-from jaxgrity.search.judging import Fitness, Judging, judge
-from jaxgrity.search.models import model_of
+from jaxgrity.search.judging import Judging, judge
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.stepping.options import Options
-
-
-class SearchProblem(NamedTuple):
-    """What a search does: it varies the quantities of `genome` in the scene's gait, to raise the `fitness`."""
-
-    scene: Scene
-    """the robot, with a gait for all quantities that do not vary"""
-    genome: Genome
-    """encoding of the quantities that vary"""
-    duration: float
-    """simulated time of each rollout, s"""
-    fitness: Fitness
-    """value of a gait"""
-
-    @property
-    def seeks_orbits(self) -> bool:
-        """Whether the gaits' orbits are computed: on uneven ground there is none."""
-        ground = self.scene.ground
-        return self.fitness.objective.steady and (ground is None or ground.surface is None)
-
-    def judging(self, options: Options = None) -> Judging:
-        """The judging of its gaits: on the scene's own model, by `options`. Raises `InputError` as `resolve` does."""
-        return Judging((model_of(self.scene, self.duration, options),), self.duration, self.fitness)
 
 
 class GAConfig(eqx.Module):

@@ -19,8 +19,8 @@ from jaxgrity.model.scene import Scene, start_of
 from jaxgrity.populations.lanes import discretise_lanes, in_lanes, lanes_last, over_lanes
 from jaxgrity.populations.population import Outcomes
 from jaxgrity.populations.uncertainty import Differences, ensemble
-from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.judging import Judging, judge
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.final_state import stepped
 from jaxgrity.stepping.options import ResolvedOptions

@@ -19,9 +19,10 @@ from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerGait
-from jaxgrity.search.genetic_algorithm import GAConfig, Generation, SearchProblem, breed
+from jaxgrity.search.genetic_algorithm import GAConfig, Generation, breed
 from jaxgrity.search.judging import Judging, Scores, judge
 from jaxgrity.search.objectives import ActuatorBounds
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.stepping.options import Options
 
 LEAST = 1e-3

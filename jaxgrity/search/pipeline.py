@@ -24,10 +24,11 @@ from jaxgrity.search.fidelity import (
     final_verdict,
     search_levels,
 )
-from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem
+from jaxgrity.search.genetic_algorithm import Evolution, GAConfig
 from jaxgrity.search.judging import without_force_bounds
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish import Polished, kept_or_undone, polish
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.search.promotion import Promoted, promote
 from jaxgrity.search.search_config import SearchConfig, ga_configs, plain_config, search_problem
 from jaxgrity.search.search_space import genome_to_polish, with_actuated, without_idle
@@ -37,6 +38,8 @@ from jaxgrity.stepping.step_limits import default_step
 
 UNSEEN = 10**6
 """Number added to the seed for the final evaluation, so that its draws did not choose any gait."""
+BRED = "crossover", "mutation_rate", "mutation_size"
+"""Settings of the genetic algorithm that no config gives: a search that is resumed has to breed as it began."""
 Stage = Literal["evolving", "promoting", "polishing", "verifying"]
 
 
@@ -140,6 +143,8 @@ class _Search:
     problem: SearchProblem
     levels: FidelityLevels
     config: SearchConfig
+    breeding: tuple[GAConfig, ...]
+    """settings of the genetic algorithm on each of the `search_levels`"""
     checkpoint: Checkpoint | None
     tell: Listener
     seconds: dict[Stage, float]
@@ -173,20 +178,16 @@ def _begun(
     scene = with_actuated(scene, config.space)
     problem = search_problem(scene, config)
     levels = fidelity_levels(scene, config.dt, config.evaluation.both_models, force_bounds=not config.wide)
-    _refuse_unusable(levels, config)
+    for level in levels:  # refuses what cannot be rolled out, as without x64 for verification
+        resolve(level.scene, config.duration, level.options)
+    breeding = ga_configs(config, len(search_levels(levels)))
     with ExitStack() as held:
         checkpoint = None
         if folder is not None:
-            settings = {**plain_config(config), "fingerprint of the scene": fingerprint(scene)}
+            bred = {name: [getattr(each, name) for each in breeding] for name in BRED}
+            settings = {**plain_config(config), **bred, "fingerprint of the scene": fingerprint(scene)}
             checkpoint = held.enter_context(open_checkpoint(Path(folder), settings, resume, restart))
-        yield _Search(problem, levels, config, checkpoint, listener or (lambda progress: None), {})
-
-
-def _refuse_unusable(levels: FidelityLevels, config: SearchConfig) -> None:
-    """Raise `InputError` where a level cannot be rolled out, as without x64 for verification, or a generation bred."""
-    for level in levels:
-        resolve(level.scene, config.duration, level.options)
-    ga_configs(config, len(search_levels(levels)))
+        yield _Search(problem, levels, config, breeding, checkpoint, listener or (lambda progress: None), {})
 
 
 def _timed(stage: Stage) -> Callable[[Callable], Callable]:
@@ -209,7 +210,7 @@ def _timed(stage: Stage) -> Callable[[Callable], Callable]:
 def _evolve(search: _Search) -> tuple[Evolution, ...]:
     """The genetic search in float32, on every core, on each of the levels where gaits are searched."""
     checkpoint, levels = search.checkpoint, search_levels(search.levels)
-    configs, states = ga_configs(search.config, len(levels)), () if checkpoint is None else checkpoint.states
+    configs, states = search.breeding, () if checkpoint is None else checkpoint.states
     total, done = sum(each.generations for each in configs), sum(state.number for state in states)
     search.tell(Progress("evolving", done, total, {}))
 

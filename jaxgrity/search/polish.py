@@ -31,7 +31,6 @@ from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, Routes, climb, routes_from
 from jaxgrity.search.fidelity import FidelityLevels, excess_at
-from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.gradients import ClimbTask
 from jaxgrity.search.judging import (
@@ -48,6 +47,7 @@ from jaxgrity.search.judging import (
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
 from jaxgrity.search.polish_orbit import climb_on_orbit
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.search.promotion import Promoted, multiplier_words, multipliers_of, orbit_words
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
 from jaxgrity.trust.sensitivity import Sensitivity

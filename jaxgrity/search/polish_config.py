@@ -42,8 +42,8 @@ class PolishConfig(NamedTuple):
     """share of the last update that the next one keeps"""
     comparison_robots: int = 64
     """number of robots that compare the ends of all climbs"""
-    final_robots: int = 256
-    """largest number of robots that compare the best start with the best end"""
+    final_robots: int = 128
+    """largest number of robots that compare the best start with the best end; the verdict of a search takes more"""
     largest_sensitivity: float = 3.0
     """sensitivity beyond which pathwise gradients are not used, m/rad: they would hold for less than a step"""
     gaits: int = 1

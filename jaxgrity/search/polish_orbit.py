@@ -21,11 +21,11 @@ from jaxgrity.orbits.finding import IN_TIME, find_orbit, shortest_watch
 from jaxgrity.orbits.orbit_gradient import FEWEST_CYCLES, MOST_CYCLES, derivatives_along, numbers_of
 from jaxgrity.populations.population import one_gait
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait
-from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.judging import Judging, Scores, judge
 from jaxgrity.search.objectives import INSIDE
 from jaxgrity.search.polish_config import PolishConfig, judges_of_a_step
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.search.search_space import with_longest_cables
 from jaxgrity.stepping.options import ResolvedOptions
 

@@ -15,10 +15,11 @@ from jaxgrity.orbits.finding import IN_TIME, find_orbit, shortest_watch
 from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.populations.population import one_gait
 from jaxgrity.search.fidelity import FidelityLevel, FidelityLevels, excess_at, judge_at, rank_correlation
-from jaxgrity.search.genetic_algorithm import Evolution, SearchProblem, distinct
+from jaxgrity.search.genetic_algorithm import Evolution, distinct
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import Scores, judge
 from jaxgrity.search.objectives import ActuatorBounds
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.search.search_config import COMPARED, SearchConfig
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions

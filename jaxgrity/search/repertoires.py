@@ -20,11 +20,11 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait
 from jaxgrity.model.actuation import peak_rates
 from jaxgrity.populations.population import Outcomes
-from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import ensembles_rolled_out, masses_and_lengths, without_force_bounds
 from jaxgrity.search.models import RolloutModel, model_of
 from jaxgrity.search.paths import parts_of, path_bend, path_size
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.stepping.options import Options
 
 WIDE = 0.5

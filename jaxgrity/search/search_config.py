@@ -10,10 +10,11 @@ from jaxgrity.core.typed import check_fields, typed
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.cma_es import fewest
-from jaxgrity.search.genetic_algorithm import GAConfig, SearchProblem
+from jaxgrity.search.genetic_algorithm import GAConfig
 from jaxgrity.search.judging import Fitness
 from jaxgrity.search.objectives import ActuatorBounds, Objective, SteadySpeed
 from jaxgrity.search.polish_config import PolishConfig, check_polish
+from jaxgrity.search.problem import SearchProblem
 from jaxgrity.search.search_space import NO_GAIT, SearchSpace, genome_of
 
 UNCERTAIN = Uncertainty(phase=0.03, actuation=0.02, friction=0.2, cable_stiffness=0.05, node_mass=0.05)
@@ -23,8 +24,6 @@ DRAWN = 4
 MUTATIONS = ((0.12, 0.01), (0.02, 0.004))
 """Standard deviations of mutations, as shares of the circle, in the first and last generation: first for a wide
 screening, then for the generations after it."""
-FINAL_ROBOTS = 128
-"""Most robots that judge what polishing gained: the verdict, which follows, takes more."""
 COMPARED = 16
 """Number of evolved gaits, and of random ones, that are judged on all fidelity levels. The ranks of both show how far
 levels agree (`fidelity.png`): those of evolved gaits alone are too close to say."""
@@ -104,7 +103,7 @@ class SearchConfig(_Grouped):
     """what varies from gait to gait"""
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     """how gaits are evaluated"""
-    polish: PolishConfig | None = field(default_factory=lambda: PolishConfig(final_robots=FINAL_ROBOTS))
+    polish: PolishConfig | None = field(default_factory=PolishConfig)
     """budget, gradient and number of gaits of polishing; None: no polish"""
 
     def __post_init__(self):

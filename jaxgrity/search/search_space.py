@@ -17,11 +17,11 @@ from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.symmetry import gene_permutations, standing_symmetries
 from jaxgrity.orbits.finding import period_of
 from jaxgrity.populations.uncertainty import Differences, Uncertainty, check_strokes, differing, slackened
-from jaxgrity.search.genetic_algorithm import SearchProblem
 from jaxgrity.search.genome import Genes, Genome, check_bounds
 from jaxgrity.search.judging import Fitness
 from jaxgrity.search.objectives import INSIDE
 from jaxgrity.search.polish_config import PolishConfig
+from jaxgrity.search.problem import SearchProblem
 
 NO_GAIT = (
     'the scene has no [gait]; expected one to begin from, such as [gait] members = "struts", amplitude = 0.3, '

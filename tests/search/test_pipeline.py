@@ -329,6 +329,11 @@ def test_a_search_is_resumed_with_its_own_config_and_scene_alone(exact, config, 
         search_gaits(heavier, config, folder=folder, resume=True)
     with pytest.raises(InputError, match=r"holds an unfinished run; expected resume, restart or another folder$"):
         search_gaits(exact, config, folder=folder)
+    run = json.loads((folder / "run.json").read_text())
+    del run["settings"]["crossover"]  # as of versions that bred otherwise
+    (folder / "run.json").write_text(json.dumps(run))
+    with pytest.raises(InputError, match=r"its run has crossover = None, not \[1\.0\]; expected the same"):
+        search_gaits(exact, config, folder=folder, resume=True)
     assert [state.number for state in load_states(folder)] == [1]
 
 

@@ -1,0 +1,32 @@
+"""The problem of a search, which all its stages share."""
+
+from typing import NamedTuple
+
+from jaxgrity.model.scene import Scene
+from jaxgrity.search.genome import Genome
+from jaxgrity.search.judging import Fitness, Judging
+from jaxgrity.search.models import model_of
+from jaxgrity.stepping.options import Options
+
+
+class SearchProblem(NamedTuple):
+    """What a search does: it varies the quantities of `genome` in the scene's gait, to raise the `fitness`."""
+
+    scene: Scene
+    """the robot, with a gait for all quantities that do not vary"""
+    genome: Genome
+    """encoding of the quantities that vary"""
+    duration: float
+    """simulated time of each rollout, s"""
+    fitness: Fitness
+    """value of a gait"""
+
+    @property
+    def seeks_orbits(self) -> bool:
+        """Whether the gaits' orbits are computed: on uneven ground there is none."""
+        ground = self.scene.ground
+        return self.fitness.objective.steady and (ground is None or ground.surface is None)
+
+    def judging(self, options: Options = None) -> Judging:
+        """The judging of its gaits: on the scene's own model, by `options`. Raises `InputError` as `resolve` does."""
+        return Judging((model_of(self.scene, self.duration, options),), self.duration, self.fitness)
