@@ -269,7 +269,8 @@ def figure(record: Record, chart: Figure) -> None:
     for k, policy in enumerate(POLICIES):
         own = [row for row in record["rows"] if row["policy"] == policy]
         places = np.arange(len(own)) + 0.27 * (k - 1)
-        axes.barh(places, [100 * row["rolling"] for row in own], height=0.25, label=policy)
+        label = WRITTEN.get(policy, policy).strip("`")
+        axes.barh(places, [100 * row["rolling"] for row in own], height=0.25, label=label)
         axes.set_yticks(np.arange(len(own)), [row["case"] for row in own])
     axes.set(xlabel="robots that roll (%)", xlim=(0, 103))
     axes.grid(axis="y", visible=False)

@@ -16,6 +16,7 @@ from measurements.pages import made_by, rounded
 from tqdm import tqdm
 
 from jaxgrity import InputError
+from jaxgrity.core.arguments import check_count
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 
@@ -125,7 +126,11 @@ class Measurement:
     def main(self, settings: Any) -> None:
         """Measure: keep every row as it comes, then the figure, and say the tables; one record after the other."""
         chosen = {name: getattr(settings, name) for name in inspect.signature(self._function).parameters}
-        chosen |= self._quick if settings.quick else {}
+        if settings.quick:  # options with another value than their default win
+            usual = self.Settings()
+            chosen |= {name: value for name, value in self._quick.items() if chosen[name] == getattr(usual, name)}
+        if "seed" in chosen:
+            check_count("seed", chosen["seed"], 0)
         for name, arguments in self.names.items():
             if all(value in chosen[parameter] for parameter, value in arguments.items()):
                 self._measure(settings.out / f"{name}.json", chosen | arguments)
@@ -170,7 +175,7 @@ def measurement(
 
     Args:
         page: the page that quotes it, in docs/, or README.md
-        quick: settings with which it takes at most a minute
+        quick: settings with which it takes at most a minute; those that the user gives win
         raw: names of what the page does not quote, in the record and in its rows
         drawn: names of what the figure alone shows, likewise: kept with few digits
         options: with which `make measure` runs it
@@ -201,7 +206,8 @@ def settings_of(function: Callable[..., Any], quick: Record) -> type:
         (name, _described(kind, told.get(name, "")), field(default=default)) for name, (kind, default) in asked.items()
     ]
     out = _described(Path, f"folder for {function.__name__}.json and its figure")
-    small = _described(bool, ", ".join(f"{name} = {value}" for name, value in quick.items()))
+    sizes = ", ".join(f"{name} = {value}" for name, value in quick.items())
+    small = _described(bool, f"{sizes}; other values that you give win")
     fields += [
         ("out", out, field(default=Path("results") / function.__name__)),
         ("quick", small, field(default=False)),

@@ -142,8 +142,7 @@ def matrix(
     Args:
         stages: which uses: "still" compiles little, "call" ends at the compiler, the others compile
         scenes: how many of the scenes, the first ones
-        known: record of a run that was interrupted, or of other stages, or the folder that `make verify` leaves
-            (.cache/matrix); what is known is not tried again
+        known: an earlier record, or the folder that `make verify` leaves (.cache/matrix), not tried again
     """
     rows = covering(KINDS)[:scenes]
     records = [] if known is None else sorted(known.glob("*.json")) if known.is_dir() else [known]

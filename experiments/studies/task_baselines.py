@@ -269,7 +269,8 @@ def figure(record: Record, chart: Figure) -> None:
         own = [(place, row["progress"][name], 2 * row["error"][name]) for place, row in there]
         if own:
             places, sizes, errors = (np.array(x) for x in zip(*own))
-            axes.barh(places + 0.14 * (k - 2.5), sizes, height=0.13, xerr=errors, label=name, error_kw={"lw": 0.8})
+            label = WRITTEN.get(name, name).strip("`")
+            axes.barh(places + 0.14 * (k - 2.5), sizes, height=0.13, xerr=errors, label=label, error_kw={"lw": 0.8})
     axes.set_yticks(range(len(rows)), [row["task"] for row in rows])
     axes.set(xlabel="progress (m/s), with two standard errors")
     axes.grid(axis="y", visible=False)

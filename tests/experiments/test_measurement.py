@@ -10,6 +10,7 @@ from measurements import registry, update_docs
 from measurements.measurement import measurement
 from measurements.pages import columns
 
+from jaxgrity import InputError
 from jaxgrity.report import plot
 
 
@@ -62,6 +63,23 @@ def test_a_record_has_all_rows_and_a_page_what_it_quotes(tmp_path, capsys):
     table = "| x | square |\n| --- | --- |\n| 1 | 1 m |\n| 2 | 4 m |"
     assert squares.words(record).startswith(f"{table}\n\n`{record['command']}`, [measured/squares.json]")
     assert table in capsys.readouterr().out
+
+
+def test_an_option_wins_over_the_quick_size(tmp_path):
+    """Larger ones too; other options have their quick size."""
+    squares = example()
+    chosen = tyro.cli(squares.Settings, args=["--quick", "--count", "4", "--out", str(tmp_path)])
+    squares.main(chosen)
+    assert len(json.loads((tmp_path / "squares.json").read_text())["rows"]) == 4
+
+
+def test_a_negative_seed_is_refused(tmp_path):
+    @measurement(page="accuracy.md", quick={})
+    def draws(seed: int = 0):
+        pytest.fail("begun")
+
+    with pytest.raises(InputError, match="seed = -1: expected a whole number, at least 0"):
+        draws.main(draws.Settings(seed=-1, out=tmp_path))
 
 
 def test_rows_outlive_an_error(tmp_path):
