@@ -10,6 +10,7 @@ from jaxgrity.formats.foreign import Imported
 from jaxgrity.formats.mjcf_reading import read_mjcf
 from jaxgrity.formats.ntrt import DECIMETRE, read_ntrt
 from jaxgrity.formats.spreadsheets import read_tables
+from jaxgrity.io.files import check_file
 from jaxgrity.model.scene import Scene
 from jaxgrity.statics.settling import settled
 
@@ -33,6 +34,7 @@ def main(settings: ConvertSettings) -> None:
 
 def _read(settings: ConvertSettings) -> Imported:
     find_format(settings.target)  # refuses what it does not know before anything is read
+    check_file(settings.target)
     ending, unit = Path(settings.source).suffix.lower(), settings.unit
     if settings.columns and ending != ".csv":
         raise InputError(f"--columns {' '.join(settings.columns)}: expected --columns with tables (.csv) alone")

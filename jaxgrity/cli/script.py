@@ -26,6 +26,7 @@ import jax
 from jaxgrity.cli.command_line import from_command_line, while_read
 from jaxgrity.core.compiled import keep_compiled
 from jaxgrity.core.errors import InputError
+from jaxgrity.io.files import check_folder
 
 LOOPS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000000,-unroll-full-max-count=16"
 """On a CPU, a whole loop of small steps is one kernel, instead of some hundred that are dispatched one by one. No loop
@@ -75,15 +76,6 @@ def configure() -> None:
     keep_compiled()
 
 
-def check_folder(out: Path) -> None:
-    """Raise `InputError` for results in a file's place, or where none can be written, before they are computed."""
-    there = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
-    if not there.is_dir():
-        raise InputError(f"--out {out}: {there} is a file; expected a folder, which is made where there is none")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(f"--out {out}: nothing can be written to {there}; expected another folder")
-
-
 def join_hosts() -> None:
     """Make one machine of all processes started with this script by SLURM, or with JAX_COORDINATOR_ADDRESS.
 
@@ -124,7 +116,7 @@ def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
     try:
         join_hosts()
         if isinstance(out := getattr(chosen, "out", None), Path):
-            check_folder(out)
+            check_folder(out, f"--out {out}")
         with contextlib.ExitStack() as others:
             if jax.process_index() > 0:
                 others.enter_context(contextlib.redirect_stdout(others.enter_context(open(os.devnull, "w"))))

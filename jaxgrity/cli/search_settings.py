@@ -2,14 +2,20 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from tyro.conf import arg
+
+KINDS = (
+    "steady speed, steady direction, steady turn, distance, direction, speed, cost of transport, straightness or "
+    "jump height"
+)
+"""Objectives, as --help lists them: in a docstring of two lines, tyro would keep the line break."""
 
 
 @dataclass
 class ObjectiveSettings:
-    kind: str = "steady speed"
-    """steady speed, steady direction, steady turn, distance, direction, speed, cost of transport, straightness or jump
-    height"""
+    kind: Annotated[str, arg(help=KINDS)] = "steady speed"
     heading: float | None = None
     """heading for steady direction and direction, rad from +x"""
     turning: float | None = None
@@ -60,8 +66,7 @@ class SearchSettings:
     population: int = 128
     """number of gaits per generation"""
     generations: tuple[int, int] = (10, 2)
-    """numbers of generations: of screening, and then on the scene's own model. With --no-wide, the second number
-    counts only if screening uses the contact twin"""
+    """numbers of generations: of screening, and then on the scene's own model (--no-wide: if screening used a twin)"""
     optimiser: Literal["genetic", "cma-es"] = "genetic"
     """search method; cma-es needs evosax (pip install 'jaxgrity[baselines]')"""
     robots: int = 4
@@ -99,8 +104,7 @@ class SearchSettings:
     polish_rollouts: int = 9216
     """number of simulations that polishing may use; 0: no polish"""
     polish_overtones: int = 4
-    """number of overtones that polishing adds to waves: at least those of the search, and none if the scene's gait has
-    its own"""
+    """number of overtones that polishing adds to waves (at least the search's), unless the scene's gait has its own"""
     polish_gaits: int = 1
     """number of the best gaits that are polished"""
     dt: float | None = None

@@ -105,8 +105,7 @@ class ValidateSettings:
     data: tuple[Path, ...]
     """recordings (CSV) of the robot"""
     identify: tuple[str, ...] = ()
-    """parameters to fit, such as structure.cables.stiffness or friction.mu=0.2; the number is the plausible error, as a
-    fraction, by default 0.3"""
+    """parameters to fit, such as structure.cables.stiffness, or friction.mu=0.2 with its relative error (else 0.3)"""
     noise: float | None = None
     """standard deviation of a recorded coordinate, m; by default 0.2 % of a body length"""
     windows: int = 1
@@ -206,8 +205,7 @@ class ConvertSettings:
     unit: float | None = None
     """length unit of an NTRT file, m; by default 0.1. Other files are in metres"""
     drop: tuple[str, ...] = ()
-    """parts to leave out. MuJoCo models: contact, radius, friction, limits, damping, actuators, air, forces. NTRT
-    files: radius, wrapping, friction"""
+    """parts of a MuJoCo or NTRT file to leave out, such as friction; the error for another word lists what there is"""
     keyframe: str = ""
     """keyframe of a MuJoCo model in which the robot starts; by default it starts where the model places its bodies"""
     columns: tuple[str, ...] = ()

@@ -32,6 +32,7 @@ QUICK = LearningConfig(robots=16, decisions=4, batches=1)
 
 def main(settings: TrainSettings) -> None:
     """Learn, save at intervals, judge on new episodes of this contact model, and write the results."""
+    check_count("seed", settings.seed, 0)
     check_count("updates", settings.updates, 0)
     check_count("episodes", settings.episodes, 2)  # whose spread is the error of their mean
     out, curve = settings.out, earlier_curve(settings)

@@ -86,8 +86,25 @@ def _is_finite(text: str) -> bool:
         return False
 
 
+def check_folder(folder: Path, where: str) -> None:
+    """Raise `InputError` for a folder in a file's place, or where nothing can be written, before there are results."""
+    there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    if not there.is_dir():
+        raise InputError(f"{where}: {there} is a file; expected a folder, which is made where there is none")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{where}: nothing can be written to {there}; expected another folder")
+
+
+def check_file(path: str | Path) -> None:
+    """Raise `InputError` for a file that cannot be written, such as one in a folder's place."""
+    if Path(path).is_dir():
+        raise InputError(f"{path}: is a folder; expected the name of a file to write")
+    check_folder(Path(path).parent, str(path))
+
+
 def write_whole(path: str | Path, write: Callable[[IO[bytes]], object]) -> None:
-    """Let `write` fill a file; it replaces `path` only when complete."""
+    """Let `write` fill a file; it replaces `path` only when complete. Raises `InputError` as `check_file` does."""
+    check_file(path)
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=PART)

@@ -85,7 +85,7 @@ def save_scene(scene: Scene, path: str | Path) -> None:
         path: the file, written whole or not at all.
 
     Raises:
-        InputError: the scene has a part without a key in scene files, such as a user's own law.
+        InputError: the scene has a part without a key in scene files, such as a user's own law; the path is a folder.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")

@@ -119,7 +119,7 @@ Actuation = Gait | Command | Commands
 def random_members(candidates: range, fraction: float, seed: int) -> tuple[int, ...]:
     """Random members, ascending: about `fraction` of the candidates, at least one, without replacement."""
     count = max(1, round(fraction * len(candidates)))
-    chosen = np.random.default_rng(seed).choice(np.asarray(candidates), count, replace=False)
+    chosen = np.random.default_rng(check_count("seed", seed, 0)).choice(np.asarray(candidates), count, replace=False)
     return tuple(sorted(int(k) for k in chosen))
 
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxgrity.core.arguments import check_count
 from jaxgrity.core.typed import typed
 from jaxgrity.model.scales import speed_scale
 from jaxgrity.model.scene import Scene
@@ -59,12 +60,12 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
         Multipliers, and the share of robots that return.
 
     Raises:
-        InputError: bad options (see `resolve`), or a scene without a gait.
+        InputError: bad options (see `resolve`), a negative seed, or a scene without a gait.
     """
     period_of(scene.gait)
     here, v = restarted(scene, orbit), orbit.state[1]
     size = DISTURBANCE * float(speed_scale(scene))
-    deviates = np.random.default_rng(seed).normal(0, size, (robots, *v.shape))
+    deviates = np.random.default_rng(check_count("seed", seed, 0)).normal(0, size, (robots, *v.shape))
     # the first robot is the undisturbed one, with which all others are compared
     deviates[0] = 0
     differences = Differences(velocities=v + deviates)

@@ -14,7 +14,7 @@ from PIL import Image
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.io.files import write_whole
+from jaxgrity.io.files import check_file, write_whole
 from jaxgrity.model.scene import Scene
 from jaxgrity.report.poses import check_motion
 from jaxgrity.report.stages import FollowingStage, Stage, WholeStage
@@ -63,7 +63,7 @@ def animate(
 
     Raises:
         InputError: a `frame_rate` that is not positive and finite, a `width` that is not from 100 to 4000, or another
-            `camera`. A position that is not finite. An MP4 without imageio-ffmpeg installed.
+            `camera`. A position that is not finite. An MP4 without imageio-ffmpeg installed. A path that is a folder.
     """
     film = check_film(path, frame_rate, width, camera)
     check_motion(trajectory)
@@ -96,6 +96,7 @@ def check_film(path: str | FilePath, frame_rate: float, width: int, camera: str)
         raise InputError(f"width = {width}: expected 100 to 4000 pixels")
     if camera not in PALETTES:
         raise InputError(f"camera = {camera!r}: expected {' or '.join(PALETTES)}")
+    check_file(path)
     film = FilePath(path).suffix.lower() == ".mp4"
     if film and importlib.util.find_spec("imageio_ffmpeg") is None:
         raise InputError(

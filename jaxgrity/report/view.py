@@ -16,7 +16,7 @@ import matplotlib
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.io.files import write_whole
+from jaxgrity.io.files import check_file, write_whole
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.solids import Box, Cylinder, Sphere
 from jaxgrity.report.drawing import RobotDrawing, World
@@ -151,12 +151,13 @@ def save_html(scene: Scene, trajectory: Trajectory, path: str | Path, **how: Any
         how: further arguments of `replay`: `others`, `frame_rate`, `follow`, `title`, `props`.
 
     Raises:
-        InputError: as `replay` does.
+        InputError: as `replay` does, and for a path that is a folder.
 
     Example:
         >>> scene = jaxgrity.load_scene("exact")
         >>> jaxgrity.report.view.save_html(scene, jaxgrity.simulate(scene, 0.2), "replay.html", follow=False)
     """
+    check_file(path)
     replay(scene, trajectory, **how).save(path)
 
 

@@ -10,11 +10,12 @@ import sys
 import threading
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
+import docstring_parser
 import equinox as eqx
 import numpy as np
 import pytest
@@ -31,8 +32,9 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity import simulate as roll_out
-from jaxgrity.cli import command_line, progress, script, simulate
+from jaxgrity.cli import command_line, progress, script, search_settings, simulate
 from jaxgrity.cli import main as command
+from jaxgrity.cli import settings as all_settings
 from jaxgrity.cli.search import make_quick, replaced_words, standstill_words
 from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.cli.settings import SimulateSettings
@@ -175,6 +177,7 @@ def test_simulate_one_rollout(jaxgrity, tmp_path):
         ("simulate", "reference", "--gaits", "short.csv", "--animation", "gif"),
         ("train", "speed", "--episodes", 1),
         ("train", "speed", "--updates", -1),
+        ("train", "speed", "--seed", -1),
         ("diagnose", "reference", "--method", "verlet"),
         ("validate", "still.toml", "--data", "run.csv", "--method", "euler"),
         ("search", "--scene", "still.toml"),
@@ -522,6 +525,14 @@ def test_help_comes_from_the_settings(jaxgrity, name):
     assert all(option in done.out for option in expected)
     module = importlib.import_module(f"jaxgrity.cli.{name}")
     assert words(module.__doc__) in words(done.out)
+
+
+def test_texts_of_options_have_one_line_each():
+    """Of two, tyro would keep the line break, in the midst of a sentence."""
+    kinds = [kind for module in (all_settings, search_settings) for kind in vars(module).values() if is_dataclass(kind)]
+    told = [part for kind in kinds for part in docstring_parser.parse_from_object(kind).params]
+    assert len(told) > 100
+    assert not [part.arg_name for part in told if "\n" in part.description]
 
 
 def words(text: str) -> str:

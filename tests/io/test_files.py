@@ -8,6 +8,8 @@ import pytest
 
 from jaxgrity import InputError
 from jaxgrity.io.files import load_phases, save_arrays, save_json, write_whole
+from jaxgrity.report.animation import animate
+from jaxgrity.report.view import save_html
 
 
 def test_phases_from_csv(tmp_path):
@@ -63,6 +65,23 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path):
     with pytest.raises(RuntimeError, match="full"):
         write_whole(tmp_path / "new.json", fail)
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_no_file_is_written_in_the_place_of_a_folder(tmp_path):
+    """Nor in a folder whose place a file has; the work is not begun, and nothing is left behind."""
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"taken: is a folder; expected the name of a file to write$"):
+        write_whole(tmp_path / "taken", lambda file: pytest.fail("begun"))
+    with pytest.raises(InputError, match=r"result\.json: \S*/file is a file; expected a folder"):
+        save_json(tmp_path / "file" / "result.json", {})
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "taken"]
+
+
+@pytest.mark.parametrize("write", [animate, save_html])
+def test_a_film_in_the_place_of_a_folder_is_refused_before_it_is_drawn(reference, tmp_path, write):
+    with pytest.raises(InputError, match=r"is a folder; expected the name of a file to write$"):
+        write(reference, None, tmp_path)
 
 
 def test_a_file_appears_only_when_it_is_complete(tmp_path):
