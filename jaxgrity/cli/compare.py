@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from jaxgrity.cli.settings import CompareSettings
 from jaxgrity.core.display import aligned, mean_of_robots, with_error
 from jaxgrity.core.errors import InputError
-from jaxgrity.io.files import read_text, save_json
+from jaxgrity.io.files import read_json, save_json
 from jaxgrity.report import plot
 from jaxgrity.report.gait_rows import peaks
 from jaxgrity.search.objectives import find_objective
@@ -73,11 +73,7 @@ def main(settings: CompareSettings) -> None:
 def load_summary(folder: Path) -> dict[str, Any]:
     """The summary of a finished run. Raises `InputError` for a missing one, and for one of another command."""
     path = folder / "summary.json"
-    text = read_text(path)
-    try:
-        summary = json.loads(text)
-    except ValueError as error:
-        raise InputError(f"{path}: not JSON: {error}") from error
+    summary = read_json(path)
     needed = (
         *("distance", "error_bar", "robust", "other_contact_model", "steady", "actuators", "searches", "settings"),
         *("within_bounds", "beyond_bounds"),
@@ -86,7 +82,12 @@ def load_summary(folder: Path) -> dict[str, Any]:
     if missing:
         raise InputError(f"{path}: has no {', '.join(missing)}; expected the summary.json of a gait search")
     parts = [name for name in ("robust", "other_contact_model", "steady", "actuators") if summary[name] is not None]
-    return _numbers(summary, "distance", "error_bar") | {name: _numbers(summary[name]) for name in parts}
+    try:
+        found = _numbers(summary, "distance", "error_bar") | {name: _numbers(summary[name]) for name in parts}
+        flat(found["settings"]), [column(found) for column in COLUMNS.values()]
+    except (KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: not what a gait search leaves in summary.json: {error!r}") from error
+    return found
 
 
 def _numbers(facts: dict[str, Any], *names: str) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """Learn a policy by reinforcement learning, test it on new episodes, and save it with a replay."""
 
-import json
 import time
 from functools import partial
 from typing import Any
@@ -19,7 +18,7 @@ from jaxgrity.control.ppo import Learner, LearningConfig
 from jaxgrity.core.arguments import check_count
 from jaxgrity.core.display import with_error
 from jaxgrity.core.errors import InputError
-from jaxgrity.io.files import read_text, save_json, write_whole
+from jaxgrity.io.files import read_json, save_json, write_whole
 from jaxgrity.report import plot, view
 from jaxgrity.search.checkpoint import check_same_settings
 from jaxgrity.stepping.options import SolverOptions
@@ -77,8 +76,8 @@ def earlier_curve(settings: TrainSettings) -> list[dict]:
     if not settings.resume:
         return []
     try:
-        saved = json.loads(read_text(settings.out / "curve.json"))
-        before, curve = saved["settings"], saved["curve"]
+        saved = read_json(settings.out / "curve.json")
+        before, curve = dict(saved["settings"]), list(saved["curve"])
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{settings.out}: nothing to resume; expected an earlier run") from error
     check_same_settings(settings.out, before, what_is_learned(settings))
@@ -92,7 +91,7 @@ def resumed(env: Environment, config: LearningConfig, settings: TrainSettings) -
         return first
     try:
         return eqx.tree_deserialise_leaves(settings.out / "learner.eqx", first)
-    except (OSError, RuntimeError, ValueError) as error:
+    except (OSError, EOFError, RuntimeError, ValueError) as error:
         raise InputError(f"{settings.out}: nothing to resume; expected an earlier run with the same robot") from error
 
 

@@ -41,6 +41,17 @@ def read_text(path: str | Path) -> str:
         raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
 
 
+def read_json(path: str | Path) -> dict[str, Any]:
+    """The object in a JSON file. Raises `InputError` for a file that cannot be read, or holds something else."""
+    try:
+        found = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: not JSON: {error}") from error
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: holds no JSON object; expected one, names with their values")
+    return found
+
+
 def read_picture(path: str | Path) -> np.ndarray:
     """The brightness of a picture, (rows, columns), from 0, black, to 1, white; its first row is the upper one.
 

@@ -1,6 +1,5 @@
 """Gaits as files, and the library's own gaits."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +7,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.io.files import found_file, read_text, shipped
+from jaxgrity.io.files import found_file, read_json, shipped
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.structure import Structure
 
@@ -37,10 +36,7 @@ def gait_record(name: str | Path) -> dict[str, Any]:
     path = found_file("gait", "gaits", name)
     if path.is_dir():
         raise InputError(f"gait {str(name)!r}: a folder; expected a file, such as {path / 'gait.json'}")
-    try:
-        return json.loads(read_text(path))
-    except ValueError as error:
-        raise InputError(f"{name}: not JSON: {error}") from error
+    return read_json(path)
 
 
 def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
@@ -48,16 +44,16 @@ def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
     try:
         parts = {name: np.array(record[name], float) for name in ("phase", "amplitude", "frequency")}
         overtones = tuple(Overtone(np.array(o["size"]), np.array(o["phase"])) for o in record.get("overtones", []))
-        members, start, ramp = tuple(int(k) for k in record["members"]), record["start"], record["ramp"]
+        members, start, ramp = tuple(int(k) for k in record["members"]), float(record["start"]), float(record["ramp"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{where}: not a gait: {error}; expected what a search leaves in gait.json") from error
     for name, part in parts.items():
         if part.shape != (len(members),) or not np.isfinite(part).all():
             raise InputError(f"{where}: {name} = {record[name]}: expected {len(members)} finite numbers")
-    robot = record.get("robot")
-    if not isinstance(robot, str | None):
-        raise InputError(f"{where}: robot = {robot}: expected a text, as a search leaves it in gait.json")
-    return Gait(members, parts["phase"], parts["amplitude"], parts["frequency"], start, ramp, overtones, robot)
+    for name in ("robot", "scene"):
+        if not isinstance(record.get(name), str | None):
+            raise InputError(f"{where}: {name} = {record[name]}: expected a text, as a search leaves it in gait.json")
+    return Gait(*(members, *parts.values()), start, ramp, overtones, record.get("robot"))
 
 
 @typed

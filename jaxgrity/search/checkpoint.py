@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from types import CodeType, FunctionType, MethodType
 from typing import Any, NamedTuple
+from zipfile import BadZipFile
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +19,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.io.files import PART, read_text, save_arrays, save_json, write_whole
+from jaxgrity.io.files import PART, read_json, save_arrays, save_json, write_whole
 from jaxgrity.model.scene import Scene
 from jaxgrity.search.genetic_algorithm import EvolutionState, Generation, Record
 
@@ -52,7 +53,7 @@ class Checkpoint(NamedTuple):
 
     def done(self) -> None:
         """Nothing is left to go on with."""
-        settings = json.loads(read_text(self.folder / SETTINGS))
+        settings = read_json(self.folder / SETTINGS)
         save_json(self.folder / SETTINGS, {**settings, "done": True})
 
 
@@ -113,7 +114,12 @@ def check_same_settings(folder: Path, before: dict[str, Any], now: dict[str, Any
 
 def _run_in(folder: Path) -> dict[str, Any] | None:
     """The settings of the folder's run, and whether it is done; None without a run."""
-    return json.loads(read_text(folder / SETTINGS)) if (folder / SETTINGS).exists() else None
+    if not (folder / SETTINGS).exists():
+        return None
+    run = read_json(folder / SETTINGS)
+    if not isinstance(run.get("settings"), dict):
+        raise InputError(f"{folder / SETTINGS}: has no settings; expected what a search leaves there")
+    return run
 
 
 def _unfinished(run: dict[str, Any] | None) -> bool:
@@ -136,16 +142,20 @@ def load_states(folder: Path) -> tuple[EvolutionState, ...]:
     """The states of a run's searches, as far as they got."""
     found: list[EvolutionState] = []
     while (path := folder / STATE.format(len(found))).exists():
-        with np.load(path) as saved:
-            if missing := [name for name in Record._fields if f"record_{name}" not in saved]:
-                raise InputError(f"{path}: has no record_{missing[0]}; expected a run of this version, or restart")
-            record = Record(*(saved[f"record_{name}"] for name in Record._fields))
-            evaluated = None
-            if f"evaluated_{Generation._fields[0]}" in saved:
-                evaluated = Generation(*(jnp.asarray(saved[f"evaluated_{name}"]) for name in Generation._fields))
-            genes = jnp.asarray(saved["genes"])
-            memory = saved.get("memory")
-            found.append(EvolutionState(int(saved["number"]), saved["key"], genes, record, evaluated, memory))
+        try:
+            with np.load(path) as file:
+                saved = dict(file)
+        except (ValueError, EOFError, BadZipFile) as error:
+            raise InputError(f"{path}: damaged: {error}; expected a run of this version, or restart") from error
+        if missing := [name for name in Record._fields if f"record_{name}" not in saved]:
+            raise InputError(f"{path}: has no record_{missing[0]}; expected a run of this version, or restart")
+        record = Record(*(saved[f"record_{name}"] for name in Record._fields))
+        evaluated = None
+        if f"evaluated_{Generation._fields[0]}" in saved:
+            evaluated = Generation(*(jnp.asarray(saved[f"evaluated_{name}"]) for name in Generation._fields))
+        genes = jnp.asarray(saved["genes"])
+        memory = saved.get("memory")
+        found.append(EvolutionState(int(saved["number"]), saved["key"], genes, record, evaluated, memory))
     return tuple(found)
 
 

@@ -175,6 +175,8 @@ def _begun(
     """Prepare a search, and lock its folder. Refuses settings that a later stage could not use."""
     if (resume or restart) and folder is None:
         raise InputError("resume, restart: there is no folder to find a search in; expected folder")
+    if resume and restart:
+        raise InputError("resume, restart: one continues a search, the other removes it; expected one of them")
     scene = with_actuated(scene, config.space)
     problem = search_problem(scene, config)
     levels = fidelity_levels(scene, config.dt, config.evaluation.both_models, force_bounds=not config.wide)

@@ -287,6 +287,7 @@ def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
         (["simulate", "reference", "--method", "verlet"], ["verlet", "dissipation"]),
         (["simulate", "reference", "--gait", "fly"], ["gait 'fly': unknown", "lasting"]),
         (["simulate", "reference", "--gaits", "short.csv"], ["short.csv", "row 2 has 5 phases; expected 6"]),
+        (["simulate", "still.toml", "--gaits", "short.csv"], ["--gaits short.csv: the scene has no gait"]),
         (["simulate", "stiff.toml"], ["stiff.toml", "struts.stiffness", "-1"]),
         (["diagnose", "moon"], ["scene 'moon': unknown; expected a file, or one of exact,"]),
         (["diagnose", "exact", "--method", "rk4"], ["rk4", "expected 'complementarity'"]),
@@ -308,6 +309,7 @@ def test_diagnose_says_how_far_a_rollout_can_be_trusted(jaxgrity, tmp_path):
         (["compare", "missing"], ["missing/summary.json", "No such file"]),
         (["compare", "broken"], ["broken/summary.json: not JSON"]),
         (["compare", "other"], ["other/summary.json: has no error_bar, robust, other_contact_model"]),
+        (["compare", "numbers"], ["numbers/summary.json: not what a gait search leaves in summary.json"]),
     ],
     ids=lambda words: " ".join(words) if words[0] in SUBCOMMANDS else "",
 )
@@ -317,7 +319,11 @@ def test_bad_input_is_one_line(jaxgrity, tmp_path, monkeypatch, arguments, words
     Path("short.csv").write_text("0,1,2,3,4,5\n0,1,2,3,4\n")
     Path("stiff.toml").write_text(scene_text("reference").replace("stiffness = 2e4", "stiffness = -1.0"))
     Path("still.toml").write_text(scene_text("reference").split("[gait]")[0])
-    for name, text in (("broken", "{"), ("other", '{"distance": 1.0}')):
+    needed = (
+        "distance error_bar robust other_contact_model steady actuators searches settings within_bounds beyond_bounds"
+    )
+    numbers = json.dumps(dict.fromkeys(needed.split(), 1.0))
+    for name, text in (("broken", "{"), ("other", '{"distance": 1.0}'), ("numbers", numbers)):
         Path(name).mkdir()
         Path(name, "summary.json").write_text(text)
     done = jaxgrity(*arguments, "--out", "out")

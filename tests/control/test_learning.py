@@ -232,6 +232,13 @@ def test_a_run_of_another_task_is_not_resumed(tmp_path):
     assert len(train.earlier_curve(replace(settings, task="bumps", seed=1, updates=7))) == 1
 
 
+@pytest.mark.parametrize("content", [[], {"settings": 3, "curve": []}, {"settings": {}, "curve": 3}])
+def test_what_no_training_left_is_not_resumed(tmp_path, content):
+    save_json(tmp_path / "curve.json", content)
+    with pytest.raises(InputError, match="nothing to resume; expected an earlier run"):
+        train.earlier_curve(TrainSettings("heading", resume=True, out=tmp_path))
+
+
 @pytest.fixture(scope="module")
 def travelling():
     """An environment for headings, with episodes of half a second, and the library's policy for them."""

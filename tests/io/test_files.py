@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError
-from jaxgrity.io.files import load_phases, save_arrays, save_json, write_whole
-from jaxgrity.report.animation import animate
-from jaxgrity.report.view import save_html
+from jaxgrity.io.files import load_phases, read_json, save_arrays, save_json, write_whole
 
 
 def test_phases_from_csv(tmp_path):
@@ -50,6 +48,14 @@ def test_phases_that_cannot_be_read(tmp_path, content):
         load_phases(path, 2)
 
 
+@pytest.mark.parametrize(("text", "message"), [("", "not JSON: Expecting value"), ("[1]", "holds no JSON object")])
+def test_json_without_an_object_is_refused(tmp_path, text, message):
+    """An empty file, and a list."""
+    (tmp_path / "run.json").write_text(text)
+    with pytest.raises(InputError, match=rf"run\.json: {message}"):
+        read_json(tmp_path / "run.json")
+
+
 def test_a_write_that_fails_leaves_the_old_file(tmp_path):
     """Neither half a file nor a temporary one stays behind."""
     path = tmp_path / "result.json"
@@ -76,12 +82,6 @@ def test_no_file_is_written_in_the_place_of_a_folder(tmp_path):
     with pytest.raises(InputError, match=r"result\.json: \S*/file is a file; expected a folder"):
         save_json(tmp_path / "file" / "result.json", {})
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "taken"]
-
-
-@pytest.mark.parametrize("write", [animate, save_html])
-def test_a_film_in_the_place_of_a_folder_is_refused_before_it_is_drawn(reference, tmp_path, write):
-    with pytest.raises(InputError, match=r"is a folder; expected the name of a file to write$"):
-        write(reference, None, tmp_path)
 
 
 def test_a_file_appears_only_when_it_is_complete(tmp_path):

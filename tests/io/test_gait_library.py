@@ -102,10 +102,12 @@ def test_a_gait_comes_back_from_its_file(tmp_path):
         (lambda r: r.pop("phase"), "not a gait: 'phase'; expected what a search leaves"),
         (lambda r: r.update(phase=[0.0]), "phase = \\[0.0\\]: expected 2 finite numbers"),
         (lambda r: r.update(members=["a", "b"]), "not a gait"),
+        (lambda r: r.update(start="late"), r"gait\.json: not a gait: could not convert"),
+        (lambda r: r.update(scene=5), "scene = 5: expected a text"),
     ],
 )
 def test_what_is_no_gait_is_refused(tmp_path, change, words):
-    """A missing key, a wrong number of phases, members that are no numbers."""
+    """A missing key, a wrong number of phases, members and a start that are no numbers, a scene without a name."""
     record = gait_facts(Gait((0, 1), np.zeros(2), np.full(2, 0.5), np.ones(2)))
     change(record)
     save_json(tmp_path / "gait.json", record)

@@ -157,6 +157,13 @@ def still(scene):
     return jaxgrity.Trajectory(np.array([0.0, 0.1]), q, 0 * q, none, none, none, "rk4", 1e-3, scene)
 
 
+@pytest.mark.parametrize("write", [view.save_html, jaxgrity.report.animate])
+def test_a_film_is_not_drawn_for_the_place_of_a_folder(reference, tmp_path, monkeypatch, write):
+    monkeypatch.setattr(view, "replay", lambda *given, **how: pytest.fail("drawn"))
+    with pytest.raises(jaxgrity.InputError, match=r"is a folder; expected the name of a file to write$"):
+        write(reference, still(reference), tmp_path)
+
+
 def test_rigid_bodies_are_drawn(tmp_path):
     """As lines between all their points, in replays, figures and films; robots of bodies may have nothing else."""
     nodes = np.array([[0.0, 0, 0.1], [0.3, 0, 0.1], [0.1, 0.3, 0.1], [0.1, 0.1, 0.4]])

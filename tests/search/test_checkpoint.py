@@ -172,6 +172,27 @@ def test_there_has_to_be_a_run_to_resume(tmp_path):
             pass
 
 
+@pytest.mark.parametrize("content", [b"", bytes(range(256))], ids=["empty", "no arrays"])
+def test_a_damaged_state_is_refused(tmp_path, content):
+    """By its name; to begin anew is still possible."""
+    with open_checkpoint(tmp_path, SETTINGS):
+        (tmp_path / "state_0.npz").write_bytes(content)
+    for options in ({}, {"resume": True}):
+        with (
+            pytest.raises(InputError, match=r"state_0\.npz: damaged: .*; expected a run of this version, or restart$"),
+            open_checkpoint(tmp_path, SETTINGS, **options),
+        ):
+            pass
+    with open_checkpoint(tmp_path, SETTINGS, restart=True) as checkpoint:
+        assert checkpoint.states == ()
+
+
+def test_settings_of_something_else_are_refused(tmp_path):
+    (tmp_path / "run.json").write_text('{"done": false}')
+    with pytest.raises(InputError, match=r"run\.json: has no settings; expected"), open_checkpoint(tmp_path, SETTINGS):
+        pass
+
+
 def test_files_that_were_never_finished_are_removed(tmp_path):
     """Those that a killed process left, and no others."""
     left, kept = tmp_path / ".state_0.npz.abc.part", tmp_path / "gait.part"

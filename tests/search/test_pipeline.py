@@ -373,6 +373,12 @@ def test_only_a_folder_has_a_search_to_resume(exact, config, option):
         search_gaits(exact, config, **{option: True})
 
 
+def test_a_search_is_not_both_resumed_and_restarted(exact, config, tmp_path):
+    with pytest.raises(InputError, match="one continues a search, the other removes it; expected one of them"):
+        search_gaits(exact, config, folder=tmp_path / "run", resume=True, restart=True)
+    assert not (tmp_path / "run").exists()
+
+
 @pytest.mark.campaign
 def test_a_random_structure_can_be_searched(exact, config):
     """A robot of five struts that nobody designed, on exact contact: its gait is worth what a rollout of it shows."""
