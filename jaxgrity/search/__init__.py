@@ -1,9 +1,9 @@
 """The parts of a search, for studies of one's own.
 
-`pipeline.search_gaits` is where to begin reading: make the problem (`search_config`, `search_space`, `genome`), evolve
-on each level (`fidelity`, `genetic_algorithm`, `judging`), choose among the best (`promotion`), polish (`polish`,
-`climb`, `gradients`), verify (`fidelity.final_verdict`). Two searches of their own find many gaits: `pareto` and
-`repertoires`.
+`pipeline.search_gaits` is where to begin reading: make the problem (`problem`, `search_config`, `search_space`,
+`genome`), evolve on each level (`fidelity`, `genetic_algorithm`, `judging`), choose among the best (`promotion`),
+polish (`polish`, `climb`, `gradients`), verify (`fidelity.final_verdict`). Two searches of their own find many gaits:
+`pareto` and `repertoires`.
 """
 
 from jaxgrity.core.public_names import public_names

@@ -121,6 +121,10 @@ def test_a_wide_search_draws_many_and_goes_on_with_the_best_eighth():
     assert (narrow.drawn, narrow.parents, narrow.crossover) == (None, None, 1.0)
 
 
+def test_a_search_polishes_as_polish_does_by_default():
+    assert SearchConfig().polish == PolishConfig()
+
+
 @pytest.mark.parametrize(
     ("config", "message"),
     [
