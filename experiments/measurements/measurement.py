@@ -207,7 +207,7 @@ def settings_of(function: Callable[..., Any], quick: Record) -> type:
     ]
     out = _described(Path, f"folder for {function.__name__}.json and its figure")
     sizes = ", ".join(f"{name} = {value}" for name, value in quick.items())
-    small = _described(bool, f"{sizes}; other values that you give win")
+    small = _described(bool, f"unless you give others: {sizes}")
     fields += [
         ("out", out, field(default=Path("results") / function.__name__)),
         ("quick", small, field(default=False)),
