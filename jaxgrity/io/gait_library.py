@@ -53,7 +53,8 @@ def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
     for name in ("robot", "scene"):
         if not isinstance(record.get(name), str | None):
             raise InputError(f"{where}: {name} = {record[name]}: expected a text, as a search leaves it in gait.json")
-    return Gait(*(members, *parts.values()), start, ramp, overtones, record.get("robot"))
+    phase, amplitude, frequency = parts.values()
+    return Gait(members, phase, amplitude, frequency, start, ramp, overtones, record.get("robot"))
 
 
 @typed
