@@ -46,9 +46,9 @@ def main(settings: SimulateSettings) -> None:
     if settings.gaits is not None and settings.animation != "none":
         found = f"--animation {settings.animation}: --gaits makes a simulation of each row"
         raise InputError(f"{found}; expected --animation with a single one, or none")
-    if settings.gaits is not None and scene.gait is None:
-        raise InputError(f"--gaits {settings.gaits}: the scene has no gait; expected one with a [gait], or --gait")
     if settings.gaits is not None:
+        if scene.gait is None:
+            raise InputError(f"--gaits {settings.gaits}: the scene has no gait; expected one with a [gait], or --gait")
         gaits = gaits_of(scene.gait, load_phases(settings.gaits, len(scene.gait.members)))
     elif settings.animation != "none":
         check_film(film_of(settings), settings.fps, settings.width, settings.camera)
