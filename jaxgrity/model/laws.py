@@ -290,10 +290,8 @@ def node_names(what: str, scene: SceneParts) -> tuple[str, ...]:
 
 
 def _members(scene: SceneParts, kind: str) -> Members:
-    every = {"struts": scene.structure.struts, "cables": scene.structure.cables}
-    members = every.get(kind)
-    if members is None:
-        known = " or ".join(repr(name) for name, there in every.items() if there is not None)
-        expected = known or "a scene with members"
+    every = {name: members for name, members, _ in scene.structure.numbered}
+    if kind not in every:
+        expected = " or ".join(map(repr, every)) or "a scene with members"
         raise InputError(f"a law acts along {kind!r}, which the scene does not have; expected {expected}")
-    return members
+    return every[kind]

@@ -106,8 +106,8 @@ class Structure(eqx.Module):
             raise InputError(f"structure.node_mass has shape {count}; expected ({shape[0]},), one mass for each node")
         check_each("structure.nodes", self.nodes)
         check_each("structure.node_mass", self.node_mass, least=0.0, unit="kg")
-        for name, members in (("struts", self.struts), ("cables", self.cables)):
-            for k, edge in enumerate(members.edges if members is not None else ()):
+        for name, members, _ in self.numbered:
+            for k, edge in enumerate(members.edges):
                 if not all(0 <= node < shape[0] for node in edge):
                     raise InputError(f"structure.{name}[{k}] = {list(edge)}: expected nodes from 0 to {shape[0] - 1}")
         if self.struts is not None and self.struts.clusters:
@@ -118,9 +118,15 @@ class Structure(eqx.Module):
         _check_masses(self)
 
     @property
+    def numbered(self) -> "tuple[tuple[str, Members, int], ...]":
+        """The kinds of members that there are: name, members, and the first one's number in a gait."""
+        kinds = (("struts", self.struts, 0), ("cables", self.cables, self.first_cable))
+        return tuple((name, members, first) for name, members, first in kinds if members is not None)
+
+    @property
     def members(self) -> "tuple[Members, ...]":
         """The struts and the cables, where there are any."""
-        return tuple(m for m in (self.struts, self.cables) if m is not None)
+        return tuple(members for _, members, _ in self.numbered)
 
     @property
     def mass(self):
@@ -180,8 +186,7 @@ class Structure(eqx.Module):
     @property
     def kinds(self) -> "dict[str, Members]":
         """Kinds of members with forces along them. Rigid members without damping are constraints, and left out."""
-        kinds = {"struts": self.struts, "cables": self.cables}
-        return {name: m for name, m in kinds.items() if m is not None and not (m.rigid and m.damping is None)}
+        return {name: m for name, m, _ in self.numbered if not (m.rigid and m.damping is None)}
 
     @property
     def damped(self) -> "dict[str, Members]":
@@ -205,8 +210,7 @@ class Structure(eqx.Module):
     @property
     def driven(self) -> tuple[int, ...]:
         """Numbers of the members with motors, struts first."""
-        kinds = ((self.struts, 0), (self.cables, self.first_cable))
-        return tuple(first + motor.member for members, first in kinds if members for motor in members.motors)
+        return tuple(first + motor.member for _, members, first in self.numbered for motor in members.motors)
 
     @property
     def first_cable(self) -> int:
@@ -242,11 +246,7 @@ def _check_supports(fixed: Supports, nodes: int) -> None:
 
 def _check_masses(structure: Structure) -> None:
     masses = [structure.node_mass, *(mass for mass, _ in structure.rod_masses)]
-    if not all(isinstance(mass, np.ndarray) for mass in masses):
-        return
-    if any(np.any(mass < 0) for mass in masses):
-        raise InputError("structure: a mass is negative; expected 0 or more")
-    if traced(structure.bodies):
+    if traced(structure.bodies) or not all(isinstance(mass, np.ndarray) for mass in masses):
         return
     idle = structure.free.any(1) & (np.asarray(structure.borne_mass) <= 0)
     if idle.any():
