@@ -138,8 +138,7 @@ def _shortened(scene: Scene, gait: Actuation, t: Scalar) -> AnyArray:
 
 def moving(structure: Structure, members: tuple[int, ...]) -> np.ndarray:
     """(actuators,), whether each of the actuated members moves: those that are stuck do not."""
-    kinds = ((structure.struts, 0), (structure.cables, structure.first_cable))
-    stuck = {first + k for each, first in kinds if each is not None for k in each.stuck}
+    stuck = {first + k for _, each, first in structure.numbered for k in each.stuck}
     return np.array([k not in stuck for k in members])
 
 

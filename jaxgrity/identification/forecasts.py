@@ -194,7 +194,7 @@ def _speed_slopes(scene: Scene, parameters: tuple[Parameter, ...], orbit: Orbit,
 
 
 def speeds_of_robots(
-    scene: Scene, orbit: Orbit, differences: Differences, robots: int, *, options: Options = None
+    scene: Scene, orbit: Orbit, differences: Differences, robots: int, *, options: Options
 ) -> Float[np.ndarray, " robots"]:
     """Steady speeds, m/s, of perturbed robots from the scene's orbit; 0 where a rollout fails.
 

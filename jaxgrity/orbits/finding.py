@@ -165,9 +165,8 @@ def restarted(scene: Scene, orbit: Orbit) -> Scene:
 
 def _later(scene: Scene, seconds: float) -> Scene:
     """The scene whose motors and terms do at time t what those of the given one do at t + `seconds`."""
-    for kind in ("struts", "cables"):
-        members = getattr(scene.structure, kind)
-        if members is not None and members.motors:
+    for kind, members, _ in scene.structure.numbered:
+        if members.motors:
             motors = tuple(replace(motor, times=motor.times - seconds) for motor in members.motors)
             scene = eqx.tree_at(attrgetter(f"structure.{kind}.motors"), scene, motors)
     return replace(scene, terms=tuple(term.later(seconds) for term in scene.terms)) if scene.terms else scene

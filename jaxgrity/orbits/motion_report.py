@@ -7,7 +7,6 @@ from scipy.spatial.distance import pdist
 
 from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
-from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.orbits.cycles import MOST_PERIODS, plane_of, shape
@@ -67,7 +66,8 @@ def _settled(scene: Scene, trajectory: Trajectory) -> tuple[float, int]:
     times, q = np.asarray(trajectory.times, float), np.asarray(trajectory.positions, float)
     size = SETTLED * float(length_scale(scene))
     try:
-        period, start = (0.0, 0.0) if scene.gait is None else (period_of(scene.gait), _full_swing(scene.gait))
+        gait = scene.gait
+        period, start = (0.0, 0.0) if gait is None else (period_of(gait), float(gait.start + gait.ramp))
         plane = plane_of(scene) if period else None
     except InputError:  # no plane, or several frequencies: nothing that returns
         return np.inf, 0
@@ -91,10 +91,6 @@ def _settled(scene: Scene, trajectory: Trajectory) -> tuple[float, int]:
         if first < len(again):
             return float(times[first]), periods
     return np.inf, 0
-
-
-def _full_swing(gait: Gait) -> float:
-    return float(gait.start + gait.ramp)
 
 
 def _at(moments: np.ndarray, times: np.ndarray, shapes: np.ndarray) -> np.ndarray:

@@ -59,9 +59,6 @@ def orbit_cycle(scene: Scene, orbit: Orbit, *, options: Options = None) -> Orbit
         orbit: as from `find_orbit`, by the same options.
         options: solver options; by default the scene's.
 
-    Returns:
-        Energy and actuators in a cycle.
-
     Raises:
         InputError: bad options (see `resolve`).
 

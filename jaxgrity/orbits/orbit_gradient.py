@@ -141,8 +141,8 @@ def derivatives_along(
     orbit: Orbit,
     directions: Float[AnyArray, "directions numbers"],
     *,
-    options: Options = None,
-    most_cycles: int = MOST_CYCLES,
+    options: Options,
+    most_cycles: int,
 ) -> Derivatives:
     """`speed_gradient` along directions in the space of the gait's numbers, in the order of `GaitNumbers`.
 

@@ -145,6 +145,5 @@ def _tension(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors, rigid: boo
     if rigid and struts is not None:
         pulls = rigid_pulls(scene, t, (q, v), acceleration(scene, t, q, v))[: len(struts.edges)]
         found = found | {"struts": found.get("struts", 0.0) + pulls * length(edge_vectors(q, struts.edges))}
-    kinds = (("struts", scene.structure.struts), ("cables", scene.structure.cables))
-    parts = [found.get(name, jnp.zeros(len(members.edges))) for name, members in kinds if members is not None]
+    parts = [found.get(name, jnp.zeros(len(members.edges))) for name, members, _ in scene.structure.numbered]
     return jnp.concatenate([jnp.zeros(0, q.dtype), *parts])

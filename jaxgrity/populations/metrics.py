@@ -189,12 +189,9 @@ def actuator_tension(scene: Scene, step: Step, numbers: tuple[int, ...] | None =
 
 def _by_kind(scene: Scene, numbers: tuple[int, ...]):
     """The members of each kind, those with the given numbers in ascending order, and the number of the first."""
-    structure = scene.structure
-    for members, first in ((structure.struts, 0), (structure.cables, structure.first_cable)):
-        if members is not None:
-            rows = tuple(k for k in range(len(members.edges)) if first + k in numbers)
-            if rows:
-                yield members, rows, first
+    for _, members, first in scene.structure.numbered:
+        if rows := tuple(k for k in range(len(members.edges)) if first + k in numbers):
+            yield members, rows, first
 
 
 def _in_order(numbers: tuple[int, ...], parts: list[AnyArray]) -> PerActuator:

@@ -83,9 +83,8 @@ class Differences(eqx.Module):
     def check(self, scene: Scene, robots: int) -> None:
         """Raises `InputError` where these are not the differences of that number of robots of the scene."""
         structure = scene.structure
-        sizes = {"nodes": len(structure.nodes)}
-        for name, members in (("struts", structure.struts), ("cables", structure.cables)):
-            sizes[name] = 0 if members is None else len(members.edges)
+        sizes = {"nodes": len(structure.nodes), "struts": 0, "cables": 0}
+        sizes |= {name: len(members.edges) for name, members, _ in structure.numbered}
         for name, value in vars(self).items():
             expected = (robots, *(sizes.get(size, size) for size in ROWS.get(name, ("cables",))))
             # a factor that is one number is common to all; what the scene lacks is refused by `differing`

@@ -58,9 +58,6 @@ def animate(
         camera: "whole" shows all of the crossed ground, between axes. "follow" moves with the robot, and shows it
             larger, with its shadow, over lines half a robot apart.
 
-    Returns:
-        Nothing: the result is the file.
-
     Raises:
         InputError: a `frame_rate` that is not positive and finite, a `width` that is not from 100 to 4000, or another
             `camera`. A position that is not finite. An MP4 without imageio-ffmpeg installed. A path that is a folder.

@@ -34,9 +34,6 @@ def orbit_figure(scene: Scene, trajectory: Trajectory, cycle: float, turning: fl
         cycle: s, as `Orbit.period` times `Orbit.periods`.
         turning: rad/s about the vertical, positive to the left, as `Orbit.turning`.
 
-    Returns:
-        The figure.
-
     Raises:
         InputError: no ground, or a trajectory shorter than a cycle.
 

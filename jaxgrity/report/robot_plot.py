@@ -161,13 +161,12 @@ def _panels_of_members(structure: Structure) -> tuple[Figure, list[tuple[Axes, s
 
     Raises `InputError` where there are neither.
     """
-    kinds = [(name, m) for name, m in (("struts", structure.struts), ("cables", structure.cables)) if m is not None]
+    kinds = structure.numbered
     if not kinds:
         raise InputError("the structure has no members; expected some, to draw a figure of")
     figure = Figure(figsize=(9, 3.2 * len(kinds)), layout="constrained")
     panels = figure.subplots(len(kinds), 1, squeeze=False)[:, 0]
-    firsts = {"struts": 0, "cables": structure.first_cable}
-    return figure, [(axes, name, m, firsts[name]) for axes, (name, m) in zip(panels, kinds)]
+    return figure, [(axes, *kind) for axes, kind in zip(panels, kinds)]
 
 
 def _lines_of_members(axes: Axes, times: np.ndarray, rows: np.ndarray, members: Members) -> list[Line2D]:
