@@ -32,11 +32,7 @@ def spanning_points(x: np.ndarray) -> np.ndarray:
 
 def is_rigid(nodes: np.ndarray, edges: Edges) -> bool:
     """Whether these struts alone keep all distances of these nodes, to first order."""
-    return len(nodes) == 2 or _rank(nodes, edges) == 3 * len(nodes) - 6
-
-
-def _rank(nodes: np.ndarray, edges: Edges) -> int:
-    return len(_basis(_directions(nodes, edges)))
+    return len(nodes) == 2 or len(_basis(_directions(nodes, edges))) == 3 * len(nodes) - 6
 
 
 def _directions(nodes: np.ndarray, edges: Edges) -> np.ndarray:

@@ -41,10 +41,8 @@ def save_mesh(scene: Scene, path: str | Path) -> tuple[str, ...]:
         raise InputError(f"{path}: the structure has no members; expected some to draw")
     size = float(edge_lengths(x, longest.edges).max())
     content = trimesh.Scene()
-    for kind, share in (("struts", STRUT), ("cables", CABLE)):
-        members = getattr(structure, kind)
-        if members is None:
-            continue
+    for kind, members, _ in structure.numbered:
+        share = STRUT if kind == "struts" else CABLE
         bars = [trimesh.creation.cylinder(share * size, segment=x[list(e)], sections=SIDES) for e in members.edges]
         mesh = trimesh.util.concatenate(bars)
         mesh.visual.face_colors = COLOURS[kind]

@@ -60,22 +60,21 @@ def mjcf_controls(scene: Scene, times: Times, gait: Gait | None = None) -> np.nd
             f"gait: members {sorted(beyond)} move beyond what the scene's own gait, and so its model, allows"
         )
     columns: dict[int, np.ndarray] = {}
-    for members, first in ((structure.struts, 0), (structure.cables, structure.first_cable)):
-        if members is not None:
-            lengths = np.asarray(jax.vmap(lambda t, m=members, k=first: rest_length(m, moved, t, k))(np.asarray(times)))
-            change = np.broadcast_to(lengths, (len(times), len(members.edges))) - np.asarray(members.rest_length)
-            cords = cables_of(members.clusters, len(members.edges))
-            columns |= {first + min(cord): change[:, list(cord)].sum(1) for cord in cords}
+    for _, members, first in structure.numbered:
+        lengths = np.asarray(jax.vmap(lambda t, m=members, k=first: rest_length(m, moved, t, k))(np.asarray(times)))
+        change = np.broadcast_to(lengths, (len(times), len(members.edges))) - np.asarray(members.rest_length)
+        cords = cables_of(members.clusters, len(members.edges))
+        columns |= {first + min(cord): change[:, list(cord)].sum(1) for cord in cords}
     return np.stack([columns[k] for k in actuated_members(structure, moved)], axis=1)
 
 
 def actuated_members(structure: Structure, gait: Gait | None) -> tuple[int, ...]:
     """Members that a gait moves, but for those that are stuck, in ascending order; the first one of a cluster."""
     found: set[int] = set()
-    for members, first in ((structure.struts, 0), (structure.cables, structure.first_cable)):
-        if members is not None and gait is not None:
-            moved = {k - first for k in gait.members} - set(members.stuck)
-            found |= {first + min(cord) for cord in cables_of(members.clusters, len(members.edges)) if moved & {*cord}}
+    chosen = () if gait is None else gait.members
+    for _, members, first in structure.numbered:
+        moved = {k - first for k in chosen} - set(members.stuck)
+        found |= {first + min(cord) for cord in cables_of(members.clusters, len(members.edges)) if moved & {*cord}}
     return tuple(sorted(found))
 
 

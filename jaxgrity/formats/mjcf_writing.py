@@ -198,12 +198,12 @@ def _members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str]:
     tendons, actuators = add_element(root, "tendon"), add_element(root, "actuator")
     structure, damped = plan.structure, False
     size = amplitudes(scene.gait)
-    for kind, members, first in (("strut", structure.struts, 0), ("cable", structure.cables, structure.first_cable)):
-        for cord in () if members is None else cables_of(members.clusters, len(members.edges)):
+    for name, members, first in structure.numbered:
+        kind = name.removesuffix("s")
+        for cord in cables_of(members.clusters, len(members.edges)):
             k = min(cord)
             if kind == "strut" and k in plan.rigid:
                 continue
-            assert members is not None, "it has edges"
             assert members.stiffness is not None, "springs, by the plan"
             K, L = _in_series(members.stiffness, cord), float(np.sum(members.rest_length[list(cord)]))
             c = 0.0 if members.damping is None else _in_series(members.damping, cord)

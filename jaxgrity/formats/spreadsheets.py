@@ -3,9 +3,7 @@
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 
@@ -58,25 +56,21 @@ def save_tables(scene: Scene, path: str | Path) -> tuple[str, ...]:
     x, mass = np.asarray(structure.nodes, float), np.asarray(structure.node_mass, float)
     nodes = [[*map(repr, row), repr(m), held.get(k, "")] for k, (row, m) in enumerate(zip(x.tolist(), mass.tolist()))]
     rows = []
-    for kind, members in zip(KINDS, (structure.struts, structure.cables)):
-        columns = () if members is None else (members.rest_length, members.stiffness, members.damping, members.mass)
-        for k, edge in enumerate(members.edges if members is not None else ()):
-            rows.append([kind, *map(str, edge), *(cell(column, k) for column in columns)])
+    for name, members, _ in structure.numbered:
+        columns = members.rest_length, members.stiffness, members.damping, members.mass
+        for k, edge in enumerate(members.edges):
+            rows.append([name.removesuffix("s"), *map(str, edge), *(cell(column, k) for column in columns)])
     for place, head, content in zip(table_paths(path), (NODES, MEMBERS), (nodes, rows)):
         save_rows(place, head, content)
     stuck = any(m.stuck for m in structure.members)
     return (*beside_the_structure(scene), *(["members that are stuck are written as others"] if stuck else []))
 
 
-def save_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+def save_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[str | float]]) -> None:
     """Write a table (CSV), which appears whole or not at all."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([head, *rows])
-    write_whole(path, partial(_put, text.getvalue()))
-
-
-def _put(text: str, file: IO[bytes]) -> None:
-    file.write(text.encode())
+    write_whole(path, lambda file: file.write(text.getvalue().encode()))
 
 
 def cell(column: AnyArray | None, k: int) -> str:

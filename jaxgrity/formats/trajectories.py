@@ -1,6 +1,5 @@
 """Motions as files: npz, which is read again, CSV, and netCDF with units, which xarray opens."""
 
-import csv
 import io
 import zipfile
 from pathlib import Path
@@ -12,6 +11,7 @@ from scipy.io import netcdf_file
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
+from jaxgrity.formats.spreadsheets import save_rows
 from jaxgrity.io.files import save_arrays, write_whole
 from jaxgrity.io.scene_files import parse_scene
 from jaxgrity.io.scene_writing import scene_toml
@@ -51,12 +51,9 @@ def save_trajectory(trajectory: Trajectory, path: str | Path) -> None:
     if path.suffix == ".npz":
         save_arrays(path, **_arrays(trajectory))
     elif path.suffix == ".csv":
-        text = io.StringIO()
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(["time_s", "node", "x_m", "y_m", "z_m", "vx_m_per_s", "vy_m_per_s", "vz_m_per_s"])
-        for t, places, speeds in zip(times.tolist(), x.tolist(), v.tolist()):
-            table.writerows([t, k, *place, *speed] for k, (place, speed) in enumerate(zip(places, speeds)))
-        write_whole(path, lambda file: file.write(text.getvalue().encode()))
+        moments = zip(times.tolist(), x.tolist(), v.tolist())
+        rows = ([t, k, *node] for t, q, w in moments for k, node in enumerate(a + b for a, b in zip(q, w)))
+        save_rows(path, ["time_s", "node", "x_m", "y_m", "z_m", "vx_m_per_s", "vy_m_per_s", "vz_m_per_s"], rows)
     elif path.suffix == ".nc":
         content = _netcdf(trajectory, times, x, v)
         write_whole(path, lambda file: file.write(content))
