@@ -39,7 +39,7 @@ def gait_record(name: str | Path) -> dict[str, Any]:
     return read_json(path)
 
 
-def gait_of(record: dict[str, Any], where: str = "gait") -> Gait:
+def gait_of(record: dict[str, Any], where: str) -> Gait:
     """The gait of a record. Raises `InputError` for a missing or a wrong part."""
     try:
         parts = {name: np.array(record[name], float) for name in ("phase", "amplitude", "frequency")}

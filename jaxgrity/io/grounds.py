@@ -12,7 +12,7 @@ from jaxgrity.model.surface import Slope, Surface
 from jaxgrity.model.unions import Union
 
 
-def build_ground(table: GroundTable | None, folder: Path, balls: Balls | None = None) -> Ground | None:
+def build_ground(table: GroundTable | None, folder: Path, balls: Balls | None) -> Ground | None:
     """The ground of a [ground] table; names of pictures are relative to the `folder`.
 
     Without a key of its own, the robot's `balls` touch it.

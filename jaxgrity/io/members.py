@@ -161,7 +161,7 @@ def _or_zero(value: float | list[float] | None) -> float | list[float]:
     return 0.0 if value is None else value
 
 
-def members_table(members: Members | None, table: Callable, kind: str, forces: dict[str, Any] | None = None) -> Any:
+def members_table(members: Members | None, table: Callable, kind: str, forces: dict[str, Any]) -> Any:
     """The [struts] or [cables] table of members, with further keys, such as those of their `forces`.
 
     Raises `InputError` for members without keys in scene files.
@@ -193,7 +193,7 @@ def members_table(members: Members | None, table: Callable, kind: str, forces: d
         given["clusters"] = [list(cluster) for cluster in members.clusters]
         given["pulleys"] = [PulleyKeys(**_keys(pulley)) for pulley in members.pulleys]
     given["motors"] = [MotorTable(**_keys(motor)) for motor in members.motors]
-    given |= forces or {}
+    given |= forces
     if "force" in given:
         first = first_slope(given["force"].stretch, given["force"].force)
         if not np.allclose(np.asarray(stiffness), first, rtol=1e-9, atol=0):

@@ -102,7 +102,7 @@ def parse_scene(text: str, name: str = "scene") -> Scene:
         raise InputError(f"{name}: {error}") from error
 
 
-def build_scene(file: SceneFile, folder: Path = Path()) -> Scene:
+def build_scene(file: SceneFile, folder: Path) -> Scene:
     """The scene of a validated scene file; names of other files are relative to the `folder`.
 
     Raises `InputError` for parts that contradict each other.

@@ -13,7 +13,6 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import Supports
 from jaxgrity.io.bodies import bodies_tables
 from jaxgrity.io.files import write_whole
 from jaxgrity.io.ground_tables import (
@@ -143,14 +142,10 @@ def _structure(structure: Structure) -> CustomTable:
     return CustomTable(
         nodes=[tuple(row) for row in np.asarray(structure.nodes, float).tolist()],
         node_mass=np.asarray(structure.node_mass, float).tolist(),
-        fixed=_fixed(structure.fixed),
+        fixed=[node if axes == "xyz" else FixedAxes(node, axes) for node, axes in structure.fixed],
         struts=struts,
         cables=cables,
     )
-
-
-def _fixed(supports: Supports) -> list[int | FixedAxes]:
-    return [node if axes == "xyz" else FixedAxes(node, axes) for node, axes in supports]
 
 
 def _along_struts(scene: Scene) -> AlongStrutsKeys | None:
