@@ -31,7 +31,7 @@ from jaxgrity.search.judging import (
     with_robots,
     without_force_bounds,
 )
-from jaxgrity.search.models import model_of, rough_step, twin_model
+from jaxgrity.search.models import model_of, rough_step
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.problem import SearchProblem
 from jaxgrity.stepping.methods import default_method
@@ -72,9 +72,10 @@ class FidelityLevel(NamedTuple):
 
         Raises `InputError` as `resolve` does.
         """
-        own = model_of(self.scene, duration, self.options)
-        twins = () if self.twin is None else (twin_model(self.twin, duration, self.dtype),)
-        return Judging((own, *twins), duration, fitness)
+        models = [model_of(self.scene, duration, self.options)]
+        if self.twin is not None:
+            models.append(model_of(self.twin, duration, SolverOptions(dt=rough_step(self.twin), dtype=self.dtype)))
+        return Judging(tuple(models), duration, fitness)
 
 
 class FidelityLevels(NamedTuple):

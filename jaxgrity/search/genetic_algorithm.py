@@ -37,8 +37,6 @@ class GAConfig(eqx.Module):
     """share of genes that mutate"""
     mutation_size: tuple[float, float] = eqx.field(static=True, default=(0.1, 0.02))
     """standard deviation of a mutation, in turns of the circle, in the first and in the last generation"""
-    shrinking: int | None = eqx.field(static=True, default=None)
-    """generations after which mutations no longer shrink; None: the last one"""
     drawn: int | None = eqx.field(static=True, default=None)
     """number of random gaits from which the best make the first generation; None: as many as a generation has"""
     crossover: float = eqx.field(static=True, default=1.0)
@@ -55,7 +53,7 @@ class GAConfig(eqx.Module):
         check_count("generations", self.generations, 1)
         check_count("tournament", self.tournament, 1)
         check_count("elites", self.elites, 1)
-        for name, least in (("drawn", self.population), ("parents", 1), ("shrinking", 1)):
+        for name, least in (("drawn", self.population), ("parents", 1)):
             if getattr(self, name) is not None:
                 check_count(name, getattr(self, name), least)
         check_number("mutation_rate", self.mutation_rate, least=0.0, most=1.0)
@@ -68,7 +66,7 @@ class GAConfig(eqx.Module):
 
     def progress(self, number: int, dtype) -> np.ndarray:
         """How far mutations have shrunk after generation `number`: from 0 to 1."""
-        return np.asarray(min(1, number / max(1, (self.shrinking or self.generations) - 1)), dtype)
+        return np.asarray(number / max(1, self.generations - 1), dtype)
 
 
 class Generation(NamedTuple):

@@ -7,7 +7,7 @@ from jaxgrity.model.contact_twin import is_exact
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.methods import default_method
-from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.step_limits import default_step, strictest
 
 SCREENING_STEP = 0.01
@@ -40,8 +40,3 @@ def rough_step(scene: Scene, dt: float | None = None) -> float:
     own = default_step(scene, method) if dt is None else dt
     wanted = SCREENING_STEP * float(time_scale(scene)) if is_exact(scene) else 2 * own
     return wanted if wanted <= strictest(scene, method)[0] else own
-
-
-def twin_model(twin: Scene, duration: float, dtype: str) -> RolloutModel:
-    """The contact twin at its `rough_step`."""
-    return model_of(twin, duration, SolverOptions(dt=rough_step(twin), dtype=dtype))

@@ -75,9 +75,6 @@ def robot_motions(
         seed: seed of the draws.
         options: solver options; by default the scene's.
 
-    Returns:
-        The motion of every robot.
-
     Raises:
         InputError: no gait, no robots, no time, a scene without an uncertain quantity, or bad options (see `resolve`).
 

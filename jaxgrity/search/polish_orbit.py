@@ -63,7 +63,7 @@ def climb_on_orbit(
     config: PolishConfig,
     start: tuple[OneGait, int],
     key,
-    on_step: Callable[[ClimbStep], None] | None = None,
+    on_step: Callable[[ClimbStep], None] | None,
 ) -> Climb:
     """Climb from one gait for as long as the rollouts pay: `start` is its genes, and how many they are."""
     genes: OneGait = np.asarray(start[0], float)
@@ -139,14 +139,9 @@ def _numbers_by_genes(genome: Genome, own: Gait, genes: AnyArray) -> AnyArray:
     """(numbers, genes), the derivative of the numbers of the gait that genes stand for."""
 
     def numbers(each):
-        return ravel_pytree(numbers_of(_row(genome.gaits(own, each[None]))))[0]
+        return ravel_pytree(numbers_of(one_gait(genome.gaits(own, each[None]), 0)))[0]
 
     return jax.jacfwd(numbers)(genes)
-
-
-def _row(gaits: Gait) -> Gait:
-    """The first of a population of gaits, traced."""
-    return jax.tree.map(lambda x: x[0] if jnp.ndim(x) else x, gaits)
 
 
 def _within_rate(problem: SearchProblem, before: OneGait, genes: OneGait) -> OneGait:

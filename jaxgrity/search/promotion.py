@@ -54,8 +54,6 @@ class Promoted(NamedTuple):
     multipliers: Float[np.ndarray, " finalists"] | None
     """largest Floquet multiplier of each finalist's orbit: the growth of a disturbance in a cycle; infinite without an
     orbit `IN_TIME`. None: not requested, or no orbit is sought for the objective or the ground"""
-    within_bounds: bool
-    """whether the best gait keeps the bounds on actuators, on the scene's own robot"""
     agreement: Agreement
 
 
@@ -103,7 +101,7 @@ def promote(
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
     multipliers = None if multipliers is None else multipliers[order]
     chosen = np.asarray(genes, float)[best[:wanted]]
-    return Promoted(chosen, finals, multipliers, bool(excess[best[0]] == 0), agreement)
+    return Promoted(chosen, finals, multipliers, agreement)
 
 
 def multipliers_of(problem: SearchProblem, genes: Genes, step: float) -> np.ndarray | None:

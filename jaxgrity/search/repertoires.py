@@ -114,9 +114,6 @@ def repertoire(
         options: solver options; by default the scene decides.
         on_round: gets the repertoire after each round.
 
-    Returns:
-        The elites.
-
     Raises:
         InputError: cells, rounds or widths out of their range, bounds that do not ascend, bad options (see `resolve`).
 

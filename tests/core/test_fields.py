@@ -240,7 +240,6 @@ EXAMPLES = [
         tournament=(2, COUNT),
         mutation_rate=(0.3, NOT_NEGATIVE),
         mutation_size=((0.1, 0.02), OTHER),
-        shrinking=(2, COUNT),
         drawn=(16, COUNT),
         crossover=(0.5, NOT_NEGATIVE),
         parents=(4, COUNT),
