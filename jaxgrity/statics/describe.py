@@ -97,9 +97,7 @@ def _describe_supports(scene: Scene) -> list[tuple[str, str]]:
 
 def _describe_members(structure: Structure) -> list[tuple[str, str]]:
     lines = []
-    for name, members in (("struts", structure.struts), ("cables", structure.cables)):
-        if members is None:
-            continue
+    for name, members, _ in structure.numbered:
         parts = [
             f"{len(members.edges)}",
             f"length {_span(built_lengths(members, structure.nodes), 'm')}",
@@ -140,8 +138,8 @@ def _describe_prestress(scene: Scene) -> list[tuple[str, str]]:
     except InputError:
         shape, where = np.asarray(structure.nodes), " (in the given shape: no equilibrium found)"
     springs, stiff_modes = as_springs(structure)
-    kinds = [(name, m) for name, m in (("struts", springs.struts), ("cables", springs.cables)) if m is not None]
-    forces = ", ".join(f"{name} {_span(_tension(m, shape, name == 'cables'), 'N')}" for name, m in kinds)
+    kinds = ((name, _tension(m, shape, name == "cables")) for name, m, _ in springs.numbered)
+    forces = ", ".join(f"{name} {_span(tension, 'N')}" for name, tension in kinds)
     zero, *ends = frequency_range(alone, shape, stiff_modes)
     texts = [f"{zero} of 0 Hz (nothing resists the motion)"] if zero else []
     texts += [_span(ends, "Hz")] if np.all(np.isfinite(ends)) else []

@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxgrity.core.arguments import check_number
 from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
@@ -68,15 +67,6 @@ class StructureReport(NamedTuple):
     def margins(self) -> PerMember:
         """Strength of each member, its yield force or Euler's load, over its force; infinite without either."""
         return strength_of(self.structure, self.shape).margins(self.forces)
-
-    def buckling_margin(self, bending_stiffness: float) -> PerMember:
-        """Euler's load pi^2 EI/l^2 of each strut over its compression; infinite in tension. EI in N m^2."""
-        check_number("bending_stiffness", bending_stiffness, above=0.0, unit="N m^2")
-        count = self.structure.first_cable
-        length = edge_lengths(self.shape, all_edges(self.structure))[:count]
-        compression = np.maximum(-self.forces[:count], 0)
-        with np.errstate(divide="ignore"):
-            return np.pi**2 * bending_stiffness / length**2 / compression
 
     def table(self) -> str:
         """The report in words, a line for each fact."""

@@ -175,7 +175,7 @@ def rigid_motions(q: NodeVectors, fixed: Fixed | None = None) -> np.ndarray:
     return basis[:, size > 1e-9]
 
 
-def free_motions(q: NodeVectors, fixed: Fixed | None = None, bodies: Bodies = ()) -> sp.csc_array:
+def free_motions(q: NodeVectors, fixed: Fixed | None, bodies: Bodies) -> sp.csc_array:
     """(3 nodes, motions), orthonormal columns: the displacements at `q` that supports and rigid bodies allow.
 
     To first order: each body moves and turns. Bodies that share nodes move together. Unit vectors where no body is.

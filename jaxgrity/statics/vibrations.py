@@ -102,7 +102,7 @@ class FrequencyRange(NamedTuple):
     """Hz, likewise"""
 
 
-def frequency_range(scene: Scene, q: NodeVectors, unreal: int = 0) -> FrequencyRange:
+def frequency_range(scene: Scene, q: NodeVectors, unreal: int) -> FrequencyRange:
     """What `vibration_modes` finds of a structure of any size; without the `unreal` highest modes, those of springs in
     the place of rigid struts."""
     scene = with_spring_struts(scene)
