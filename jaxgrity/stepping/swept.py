@@ -70,7 +70,8 @@ class SweptImpulses(Complementarity):
             corrected = accelerated((v + found(scene, problem, trials)) / 2)
             # the impulses found so far stay, so that the last round begins near its answer
             trials = self.lift(with_change, ("s", -1, -1))(scene, trials, kick * (corrected - a))
-        trials = self._constrain(scene, h, problem, trials, self._most_sweeps(scene), self.tolerance)
+        most = usual_sweeps(scene) if self.sweeps is None else self.sweeps
+        trials = self._constrain(scene, h, problem, trials, most, self.tolerance)
         w = found(scene, problem, trials)
         taken = jnp.broadcast_to(h, jnp.shape(memory.step_size))
         after = SweptState(taken, self.lift(impulses, ("s", -1, -1))(scene, problem, trials))
@@ -80,9 +81,6 @@ class SweptImpulses(Complementarity):
             # NaN in place of an exception: the others of a population go on, and this robot is marked as failed
             w = jnp.where(met, w, jnp.nan)
         return w, after
-
-    def _most_sweeps(self, scene):
-        return usual_sweeps(scene) if self.sweeps is None else self.sweeps
 
     def _length_error(self, scene, h, problem, trials):
         return self.lift(length_error, ("s", None, -1, -1))(scene, h, problem, trials)
