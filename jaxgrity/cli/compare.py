@@ -15,7 +15,6 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_json, save_json
 from jaxgrity.report import plot
 from jaxgrity.report.gait_rows import peaks
-from jaxgrity.search.objectives import find_objective
 
 
 def steady(summary: dict[str, Any]) -> str:
@@ -34,8 +33,8 @@ COLUMNS = {
     "steady, m/s": steady,
     "verified, m": lambda s: with_error(s["distance"], s["error_bar"]),
     "scene": lambda s: s["scene"],
-    "robust": lambda s: mean_of_robots(s["robust"], unit(s)),
-    "other model": lambda s: mean_of_robots({"standard_error": None} | s["other_contact_model"], unit(s)),
+    "robust": lambda s: mean_of_robots(s["robust"], s["unit"]),
+    "other model": lambda s: mean_of_robots({"standard_error": None} | s["other_contact_model"], s["unit"]),
     "motion": lambda s: (
         "-" if s["motion"] is None else f"{s['motion']['kind']}, changes of support: {s['motion']['rolls']}"
     ),
@@ -45,11 +44,6 @@ COLUMNS = {
     "seconds": lambda s: f"{s['wall_seconds']:.0f}" + " since resumed" * bool(s["settings"].get("resume")),
 }
 """Functions of a summary that make the columns of the table, by their heads."""
-
-
-def unit(summary: dict[str, Any]) -> str:
-    """The unit of a search's objective; earlier versions left only its name."""
-    return summary["unit"] if "unit" in summary else find_objective(summary["objective"]).unit
 
 
 def main(settings: CompareSettings) -> None:
@@ -76,7 +70,7 @@ def load_summary(folder: Path) -> dict[str, Any]:
     summary = read_json(path)
     needed = (
         *("distance", "error_bar", "robust", "other_contact_model", "steady", "actuators", "searches", "settings"),
-        *("within_bounds", "beyond_bounds"),
+        *("within_bounds", "beyond_bounds", "unit"),
     )
     missing = [key for key in needed if key not in summary]
     if missing:
@@ -111,9 +105,8 @@ def different_settings(runs: dict[str, dict[str, Any]]) -> list[str]:
 
 
 def best_within(search: dict[str, Any]) -> np.ndarray:
-    """(generations,), fitness of the best gait; NaN where all exceed bounds, which earlier versions do not say."""
-    best = np.array(search["best"], float)
-    return np.where(np.array(search.get("within", np.ones(len(best)))) > 0, best, np.nan)
+    """(generations,), fitness of the best gait; NaN where all exceed bounds."""
+    return np.where(np.array(search["within"]) > 0, np.array(search["best"], float), np.nan)
 
 
 @plot.styled

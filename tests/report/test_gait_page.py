@@ -274,7 +274,6 @@ def test_searches_by_objectives_of_ones_own_are_compared():
     """Their record has the unit, as another program does not know the objective."""
     robots = {"robust": {"mean": 0.5, "standard_deviation": 0.0, "standard_error": None}}
     assert compare.COLUMNS["robust"]({**robots, "objective": "of my own", "unit": "kg"}) == "0.500 kg"
-    assert compare.COLUMNS["robust"]({**robots, "objective": "distance"}) == "0.500 m"
 
 
 def test_gaits_beyond_bounds_are_not_compared_as_if_they_were_within():
@@ -284,9 +283,6 @@ def test_gaits_beyond_bounds_are_not_compared_as_if_they_were_within():
     run = {"searches": searches, "robust": robots, "other_contact_model": robots}
     (line,) = compare.figure({"a": run}).axes[0].lines
     np.testing.assert_array_equal(line.get_ydata(), [np.nan, 0.3, 0.4, np.nan])
-    earlier = {**run, "searches": [{"best": [0.0, 0.3]}]}
-    (line,) = compare.figure({"a": earlier}).axes[0].lines
-    np.testing.assert_array_equal(line.get_ydata(), [0.0, 0.3])
 
 
 def test_the_rows_say_how_sure_each_direction_is():
