@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from jaxgrity import InputError
 from jaxgrity.io.files import read_text, save_json, write_whole
-from jaxgrity.report import plot, view
+from jaxgrity.report import plot
 
 CLAIMS = (
     "structure_drawn",
@@ -97,8 +97,6 @@ def check(task: tuple[str, Path, bool]) -> tuple[str, dict[str, Any]]:
     name, out, quick = task
     report = importlib.import_module(f"paper_claims.{name}").check(quick)
     picture = f"paper_{report.picture}.png"
-    if report.motion is not None:
-        view.keep_html(*report.motion, out / f"replay_{name}.html", title=report.title)
     facts = {
         "number": CLAIMS.index(name) + 1,
         "title": report.title,

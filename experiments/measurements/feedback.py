@@ -10,7 +10,6 @@ MotorLimits are bounded; drops and bumps are repeated with others.
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Literal, NamedTuple
 
 import jax
@@ -31,10 +30,8 @@ from jaxgrity.control import (
     drive,
     ground_of,
     side_by_side,
-    simulate_policy,
     sure_footed,
 )
-from jaxgrity.report import view
 
 SETTLING = 15.0
 """s, until robots are pushed"""
@@ -62,7 +59,6 @@ class Dropped(NamedTuple):
 
 @measurement(page="control.md", quick={"robots": 8, "friction": (0.5,), "delays": (0.1,), "other_rates": ()})
 def feedback(
-    out: Path,
     contact: Literal["exact", "penalty"],
     robots: int = 256,
     friction: tuple[float, ...] = (0.2, 0.35, 0.7, 1.0),
@@ -70,7 +66,7 @@ def feedback(
     other_rates: tuple[float, ...] = (1.0, math.inf),
     seed: int = 0,
 ) -> Iterator[Record]:
-    """A row for each case and policy: how many robots roll, and how fast; a replay in the folder.
+    """A row for each case and policy: how many robots roll, and how fast.
 
     Args:
         contact: its model
@@ -94,7 +90,6 @@ def feedback(
         for case, values in cases:
             for policy, told in values.items():
                 yield {"case": case, "policy": policy, **told}
-    keep_replay(plant, many, out / f"feedback_{contact}.html")
     return {"robots": robots, "orbit_speed": speed, "rate": RATE}
 
 
@@ -108,22 +103,6 @@ def words(record: Record) -> str:
         own = (found[case, policy] for policy in policies)
         rows.append([case, *(f"{row['rolled']} of {row['counted']}, {row['speed']:.2f} m/s" for row in own)])
     return table(["case", *(WRITTEN.get(policy, policy) for policy in policies)], rows)
-
-
-def keep_replay(plant: Plant, many: Dropped, path: Path) -> None:
-    """One robot of the drops under each policy, side by side."""
-    (q,), (v,) = drops(plant.scene, 1, many.seed)
-    every = _policy(1)
-    motions = [
-        simulate_policy(plant, jax.tree.map(lambda x, k=k: x[..., k], every), SETTLING, start=(q, v))
-        for k in range(len(POLICIES))
-    ]
-    others = [
-        view.Robot(motion.scene, motion, policy, (0.0, 3.0 * k, 0.0))
-        for k, (motion, policy) in enumerate(zip(motions, POLICIES))
-        if k
-    ]
-    view.keep_html(motions[0].scene, motions[0], path, others=others, title=", ".join(POLICIES))
 
 
 Cases = Iterator[tuple[str, dict[str, dict[str, float]]]]

@@ -5,7 +5,6 @@ centre of mass on both.
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,17 +23,14 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.orbits import find_orbit, refined_orbit, stability
-from jaxgrity.report import plot, view
+from jaxgrity.report import plot
 
-SHOWN = 20.0
-"""s, of each gait's replay"""
 NEAR = 20.0
 """m, which the paths of gaits that turn do not leave"""
 
 
 @measurement(page="gait_records.md", quick={"gaits": ("straight",), "roughly": True}, drawn=("path",))
 def orbits(
-    out: Path,
     gaits: tuple[str, ...] = ("straight", "brisk", "lasting", "fast", "cables", "left", "right", "uphill"),
     duration: float = 120.0,
     roughly: bool = False,
@@ -48,7 +44,6 @@ def orbits(
     """
     scenes = [with_gait(load_scene(gait_record(name)["scene"]), load_gait(name)) for name in gaits]
     for name, own in zip(gaits, scenes):
-        view.keep_html(own, simulate(own, SHOWN, frame_rate=50), out / f"replay_{name}.html", title=name)
         for scene in (own,) if roughly else (own, contact_twin(own)):
             known = {"gait": name, "contact": "exact" if scene.constrained else "penalty", "own": scene is own}
             path = np.asarray(centre_path(scene, simulate(scene, duration, frame_rate=1)))[:, :2]

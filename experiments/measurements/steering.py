@@ -5,7 +5,6 @@ Robots that were dropped anyhow roll straight for 20 s, then for 20 s with a ben
 
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +14,7 @@ from measurements.measurement import Figure, Record, measurement
 from measurements.pages import columns
 
 from jaxgrity import load_scene
-from jaxgrity.control import Loop, Plant, Steered, drive, side_by_side, simulate_policy
-from jaxgrity.report import view
+from jaxgrity.control import Loop, Plant, Steered, drive, side_by_side
 
 STRETCH, PARTS = 20.0, 8
 """s, of each bend, and parts of equal length of it"""
@@ -24,13 +22,11 @@ MEASURED = 4
 """of these parts, the last ones, in which turning and speed are measured"""
 
 
-@measurement(page="control.md", quick={"bends": (0.1,), "robots": 2, "shown": 1.0})
+@measurement(page="control.md", quick={"bends": (0.1,), "robots": 2})
 def steering(
-    out: Path,
     bends: tuple[float, ...] = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5),
     robots: int = 32,
     seed: int = 0,
-    shown: float = STRETCH,
 ) -> Iterator[Record]:
     """A row for each bend.
 
@@ -38,11 +34,9 @@ def steering(
         bends: of the policy
         robots: for each bend
         seed: of the drops
-        shown: s, of the replay
     """
     scene, count, one = load_scene("exact"), len(bends) * robots, straight_on()
-    plant = bounded(scene)
-    many = side_by_side(plant, count)
+    many = side_by_side(bounded(scene), count)
     policy = jax.tree.map(lambda x: jnp.repeat(jnp.asarray(x)[..., None], count, axis=-1), one)
     loop = dropped_loop(many, policy, drops(scene, count, seed))
     each = np.repeat(bends, robots)
@@ -60,20 +54,6 @@ def steering(
         went_on = speeds[2][own] >= ENOUGH * np.median(speeds[1][own])
         found = {"turning": float(np.median(both)), "turning_spread": float(both.std()), "went_on": went_on.mean()}
         yield {"bend": bend, "speed": float(np.median(speeds[1][own])), **found}
-    keep_replay(plant, one, max(bends), shown, out)
-
-
-def keep_replay(plant: Plant, policy: Steered, size: float, seconds: float, out: Path) -> None:
-    """Robots that stand side by side, one for each bend that is widest to a side, and one that goes straight."""
-    straight, left, right = (
-        simulate_policy(plant, replace(policy, bend=jnp.asarray(bend, jnp.float32)), seconds)
-        for bend in (0.0, size, -size)
-    )
-    others = [
-        view.Robot(plant.scene, motion, f"bend {bend:+g}", (0.0, side, 0.0))
-        for motion, bend, side in ((left, size, 3.0), (right, -size, -3.0))
-    ]
-    view.keep_html(straight.scene, straight, out / "replay.html", others=others, title="steering")
 
 
 def stretch(many: Plant, policy: Steered, loop: Loop) -> tuple[Loop, np.ndarray]:

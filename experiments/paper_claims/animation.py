@@ -28,8 +28,8 @@ def check(quick: bool) -> Report:
     for name, found in facts.items():
         found["distance_finer"] = roll(known[name], finer[name])["distance"]
     rows = [row(name, found) for name, found in facts.items()]
-    motion = known[REFERENCE], motions[REFERENCE]
-    return Report("The animation", rows, "frames", {"frames": frames(*motion)}, facts, motion)
+    drawn = {"frames": frames(known[REFERENCE], motions[REFERENCE])}
+    return Report("The animation", rows, "frames", drawn, facts)
 
 
 def roll(scene: Scene, motion: Trajectory) -> dict:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from jaxgrity import ConeFriction, ExactGround, Members, Scene, Structure, Trajectory, load_scene
+from jaxgrity import ConeFriction, ExactGround, Members, Scene, Structure, load_scene
 
 HOLDS, CONDITIONAL, FAILS = VERDICTS = "holds", "holds with a condition", "does not hold"
 
@@ -38,8 +38,6 @@ class Report(NamedTuple):
     """what the module's function `figure` takes, as JSON"""
     facts: dict[str, Any]
     """the numbers, for JSON"""
-    motion: tuple[Scene, Trajectory] | None = None
-    """what a replay shows, where the claim is about how a robot moves"""
 
 
 def verdict(holds: bool, under_condition: bool = False) -> str:
