@@ -93,7 +93,7 @@ def cost(name: str) -> int:
 
 
 def check(task: tuple[str, Path, bool]) -> tuple[str, dict[str, Any]]:
-    """Check one claim, and leave its numbers and figures in the folder."""
+    """Check one claim, and leave its rows and its figure in the folder."""
     name, out, quick = task
     report = importlib.import_module(f"paper_claims.{name}").check(quick)
     picture = f"paper_{report.picture}.png"
@@ -103,7 +103,6 @@ def check(task: tuple[str, Path, bool]) -> tuple[str, dict[str, Any]]:
         "rows": [row._asdict() for row in report.rows],
         "figures": [picture],
         "drawn": report.drawn,
-        "facts": report.facts,
     }
     save_json(out / f"{name}.json", facts)
     found = json.loads((out / f"{name}.json").read_text())

@@ -29,7 +29,7 @@ def check(quick: bool) -> Report:
         found["distance_finer"] = roll(known[name], finer[name])["distance"]
     rows = [row(name, found) for name, found in facts.items()]
     drawn = {"frames": frames(known[REFERENCE], motions[REFERENCE])}
-    return Report("The animation", rows, "frames", drawn, facts)
+    return Report("The animation", rows, "frames", drawn)
 
 
 def roll(scene: Scene, motion: Trajectory) -> dict:

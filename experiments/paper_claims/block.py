@@ -47,16 +47,11 @@ def check(quick: bool) -> Report:
     rows += [chatter_row(law, facts[law], dropped[law]) for law in LAWS]
     rows += [cone_row(law, found) for law, found in facts.items()]
     rows += complementarity_rows(facts)
-    return Report(
-        "The friction switch",
-        rows,
-        "block",
-        {
-            "slid": {law: [[float(a), row["slid"], row["exact"]] for a, row in facts[law].items()] for law in LAWS},
-            "dropped": {law: {k: dropped[law][k] for k in ("times", "depth", "ratio")} for law in LAWS},
-        },
-        {"on the plane": facts, "dropped": dropped, "friction_angle": FRICTION_ANGLE},
-    )
+    drawn = {
+        "slid": {law: [[float(a), row["slid"], row["exact"]] for a, row in facts[law].items()] for law in LAWS},
+        "dropped": {law: {k: dropped[law][k] for k in ("times", "depth", "ratio")} for law in LAWS},
+    }
+    return Report("The friction switch", rows, "block", drawn)
 
 
 def block(law: str, angle: float, height: float) -> tuple[Scene, np.ndarray]:

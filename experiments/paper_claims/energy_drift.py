@@ -46,12 +46,11 @@ def check(quick: bool) -> Report:
     facts = {name: drift(audit) for name, audit in audits.items()}
     rows = [drift_row(name, found) for name, found in facts.items()]
     rows += [adequate_row(name, found) for name, found in facts.items()]
-    methods = other_methods(known[PROGRAM], duration, quick)
-    rows += method_rows(methods)
+    rows += method_rows(other_methods(known[PROGRAM], duration, quick))
     drawn = {
         "audits": {name: {part: thinned(getattr(audit, part)) for part in DRAWN} for name, audit in audits.items()}
     }
-    return Report("Energy drift", rows, "energy", drawn, {"scenes": facts, "methods": methods})
+    return Report("Energy drift", rows, "energy", drawn)
 
 
 def drift(audit: EnergyAudit) -> dict:
@@ -65,7 +64,6 @@ def drift(audit: EnergyAudit) -> dict:
         "drift": float(np.ptp(energy[late])),
         "share_of_peak": float(np.ptp(energy[late]) / energy.max()),
         "actuation_after": float(np.ptp(audit.actuation[late])),
-        "dissipated_after": float(np.ptp(audit.lost[late])),
         "residual": float(audit.residual[np.argmax(np.abs(audit.residual))]),
         "residual_share": float(np.abs(audit.residual).max() / audit.turned_over),
     }

@@ -74,7 +74,7 @@ def check(quick: bool) -> Report:
             "them (`docs/control.md`)",
         ),
     ]
-    return Report("Future directions", rows, "future", {"moved": spread["moved"]}, {"slips": slips, "turning": spread})
+    return Report("Future directions", rows, "future", {"moved": spread["moved"]})
 
 
 def measured(name: str) -> dict:

@@ -33,7 +33,7 @@ def check(quick: bool) -> Report:
         "normal": float(np.abs(printed_normal() - signed_normal()).max()),
         "slack": slack(),
     }
-    return Report("Gradients", rows(facts), "slack_cable", {"cable": facts["slack"]}, facts)
+    return Report("Gradients", rows(facts), "slack_cable", {"cable": facts["slack"]})
 
 
 def printed_appendix(pairs: np.ndarray) -> np.ndarray:

@@ -54,7 +54,7 @@ def check(quick: bool) -> Report:
     rows += [blame_row(name, found) for name, found in facts.items() if name in (PROGRAM, TEXT, REFERENCE)]
     rows += [gain_row(name, found) for name, found in facts.items() if name in (PROGRAM, TEXT, REFERENCE)]
     lines = {cases[name].label: {part: found[part] for part in DRAWN} for name, found in facts.items()}
-    return Report("Mesh refinement", rows, "refinement", {"lines": lines}, facts)
+    return Report("Mesh refinement", rows, "refinement", {"lines": lines})
 
 
 def all_cases() -> dict[str, Case]:

@@ -1,4 +1,4 @@
-"""What the check of a claim leaves: rows with verdicts, figures, and the numbers behind them."""
+"""What the check of a claim leaves: rows with verdicts, and what its figure shows."""
 
 from typing import Any, NamedTuple
 
@@ -36,8 +36,6 @@ class Report(NamedTuple):
     """name of its figure, whose caption is in docs/paper.md"""
     drawn: dict[str, Any]
     """what the module's function `figure` takes, as JSON"""
-    facts: dict[str, Any]
-    """the numbers, for JSON"""
 
 
 def verdict(holds: bool, under_condition: bool = False) -> str:

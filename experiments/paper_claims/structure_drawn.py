@@ -31,7 +31,7 @@ def check(quick: bool) -> Report:
                 "edges are cables",
             )
         )
-    return Report("The structure", rows, "structure", {"facts": facts}, facts)
+    return Report("The structure", rows, "structure", {"facts": facts})
 
 
 @plot.styled
