@@ -1,4 +1,4 @@
-"""What a process waits for: programs that JAX traces, compiles or reads from its cache, and modules that it imports.
+"""What a process waits for: programs that JAX traces, compiles or reads from its cache.
 
 As a command it runs a module or a script, and leaves that as JSON: `compile_meter.py REPORT.json PROGRAM [ARGUMENTS]`.
 """
@@ -59,25 +59,18 @@ class Counter:
         }
 
 
-class Imports:
-    """The spans of time (s) in which statements import modules, from when it is made."""
+def listen_once_there(counter: Counter) -> None:
+    """Let it listen once somebody has imported JAX: the meter itself must not, for that takes most of a second."""
+    plain = builtins.__import__
 
-    def __init__(self, counter: Counter) -> None:
-        self.spans: list[tuple[float, float]] = []
-        self._counter, self._import, self._listening = counter, builtins.__import__, False
-        builtins.__import__ = self._timed  # type: ignore[assignment]
+    def watched(*args: Any, **kwargs: Any) -> Any:
+        found = plain(*args, **kwargs)
+        if builtins.__import__ is watched and getattr(sys.modules.get("jax"), "monitoring", None):
+            builtins.__import__ = plain
+            counter.listen()
+        return found
 
-    def _timed(self, *args: Any, **kwargs: Any) -> Any:
-        began = time.monotonic()
-        try:
-            return self._import(*args, **kwargs)
-        finally:
-            if (now := time.monotonic()) - began > 1e-3:
-                self.spans.append((began, now))
-            # as soon as somebody has imported JAX: the meter itself must not, for that takes most of a second
-            if not self._listening and getattr(sys.modules.get("jax"), "monitoring", None):
-                self._listening = True
-                self._counter.listen()
+    builtins.__import__ = watched
 
 
 def cpu_seconds() -> float:
@@ -98,7 +91,7 @@ def covered(spans: list[tuple[float, float]]) -> float:
 def main(report: str, *program: str) -> None:
     """The program ends as it would by itself; the report is left in any case."""
     counter = Counter()
-    imports = Imports(counter)
+    listen_once_there(counter)
     sys.argv = list(program)
     try:
         if program[0].endswith(".py"):
@@ -106,7 +99,7 @@ def main(report: str, *program: str) -> None:
         else:
             runpy.run_module(program[0], run_name="__main__")
     finally:
-        Path(report).write_text(json.dumps(counter.result() | {"imports": covered(imports.spans)}))
+        Path(report).write_text(json.dumps(counter.result()))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""What a user waits for at the first commands: the first word, the end, and what the time goes to.
+"""How long the first commands take, and how much of that is compilation.
 
 Each command runs in a process of its own, with an empty folder for compiled programs (cold), and again with what the
-first left there (warm). Processor seconds hardly depend on what else a machine does, wall seconds do.
+first left there (warm).
 """
 
 import json
@@ -110,23 +110,17 @@ def measure(name: str, place: Path) -> dict:
         stderr=inside,
     )
     os.close(inside)
-    words, said = heard(terminal, began, ENDLESS.get(name), child)
+    said = heard(terminal, ENDLESS.get(name), child)
     code = child.wait()
     seconds = time.perf_counter() - began
     if code != 0 and name not in ENDLESS:
         raise InputError(f"{name} ended with code {code}: {said.decode(errors='replace')[-500:]}")
-    gaps = [later - earlier for earlier, later in zip([began, *words], [*words, time.perf_counter()])]
-    return {
-        "first_word": words[0] - began,
-        "longest_silence": max(gaps),
-        "seconds": seconds,
-        **json.loads(report.read_text()),
-    }
+    return {"seconds": seconds, **json.loads(report.read_text())}
 
 
-def heard(terminal: int, began: float, enough: re.Pattern | None, child: subprocess.Popen) -> tuple[list[float], bytes]:
-    """When something was said, s, and what; a command that says `enough` is interrupted."""
-    times, said = [], b""
+def heard(terminal: int, enough: re.Pattern | None, child: subprocess.Popen) -> bytes:
+    """What was said; a command that says `enough` is interrupted."""
+    said = b""
     while True:
         ready, _, _ = select.select([terminal], [], [], 300.0)
         try:
@@ -135,13 +129,12 @@ def heard(terminal: int, began: float, enough: re.Pattern | None, child: subproc
             word = b""
         if not word:
             break
-        times.append(time.perf_counter())
         said += word
         if enough is not None and enough.search(said):
             child.send_signal(signal.SIGINT)
             enough = None
     os.close(terminal)
-    return times, said
+    return said
 
 
 def readme_example() -> str:
