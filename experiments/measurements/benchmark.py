@@ -12,7 +12,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from measurements.engines import C_SWEEPS, Engine, clock, engines, numpy_roll, ours, seconds_of
+from measurements.engines import Engine, clock, engines, numpy_roll, ours, seconds_of
 from measurements.measurement import Figure, Record, measurement
 from measurements.pages import by_name, table
 from tqdm import tqdm
@@ -105,7 +105,6 @@ def benchmark(
         "gaits": gaits,
         "duration": duration,
         "repeats": repeats,
-        "C_sweeps": C_SWEEPS,
         "largest_difference_from_C": agreement,
         "costs": [
             {"engine": p.engine, "dtype": p.dtype, "dt": p.dt, "seconds": p.seconds, "over_C": over_c.get(p[:3])}

@@ -41,7 +41,7 @@ DRAWN = "value", "on_orbit", "multiplier", "each"
 """what the figure shows of each value"""
 
 
-@measurement(page="gait_records.md", quick={"quick_values": True}, raw=("speed", "body_length"), drawn=("each",))
+@measurement(page="gait_records.md", quick={"quick_values": True}, drawn=("each",))
 def continuation(gait: str = "straight", quick_values: bool = False) -> Iterator[Record]:
     """A row for each quantity.
 
@@ -54,7 +54,6 @@ def continuation(gait: str = "straight", quick_values: bool = False) -> Iterator
     for name, ways in ({"friction": (np.array([1.0, 0.9]),)} if quick_values else VALUES).items():
         each = [row for values in ways for row in followed(scene, own, name, tqdm(values, desc=name))]
         yield {"quantity": name, **span(each), "each": by_name(each, *DRAWN)}
-    return {"speed": own.speed, "body_length": own.body_length}
 
 
 def span(every: list[Record]) -> Record:
@@ -121,7 +120,7 @@ def path_after(scene: Scene, orbit: Orbit, periods: int) -> np.ndarray:
 def told(scene: Scene, orbit: Orbit, own: Orbit) -> dict[str, Any]:
     """What the robot does on a scene: speeds in body lengths/s, its heading in degrees from that of its own orbit."""
     if not orbit.verified_for:
-        nothing = dict.fromkeys(("turning", "periods", "multiplier"))
+        nothing = dict.fromkeys(("periods", "multiplier"))
         return {"settled": False, "speed": 0.0, "heading": 0.0, **nothing, "each": []}
     size = float(body_length(scene))
     path = path_after(scene, orbit, SETTLING + SHOWN)[SETTLING:]
@@ -132,7 +131,6 @@ def told(scene: Scene, orbit: Orbit, own: Orbit) -> dict[str, Any]:
         "settled": orbit.settled,
         "speed": orbit.speed / size,
         "heading": float(np.degrees(np.arctan2(a * y - b * x, a * x + b * y))),
-        "turning": orbit.turning,
         "periods": orbit.periods,
         "multiplier": None if held is None or not np.isfinite(held.largest) else held.largest,
         "each": each.tolist(),

@@ -35,8 +35,6 @@ class Trial(NamedTuple):
     model: Plant
     start: tuple[np.ndarray, np.ndarray]
     """q, m, and v, m/s"""
-    friction: float
-    """times nominal"""
 
 
 @measurement(
@@ -67,9 +65,8 @@ def goals(
         sampling = usual._replace(seed=number)
         found = lead_to(trial.robot, trial.model, straight_on(), GOAL, start=trial.start, sampling=sampling)
         path = found.path[::10, :2]
-        row = {"friction": trial.friction, "closest": float(np.linalg.norm(path - GOAL, axis=1).min()), "path": path}
-        row |= {name: getattr(found, name) for name in ("reached", "seconds", "real_time")}
-        rows.append(row | blind(trial, patience))
+        told = {name: getattr(found, name) for name in ("reached", "seconds", "real_time")}
+        rows.append({"path": path} | told | blind(trial, patience))
         yield rows[-1]
     times = [row["seconds"] for row in rows if row["reached"]]
     return {
@@ -115,13 +112,12 @@ def drawn_trials(ground: str, count: int, twin: bool, seed: int) -> Iterator[Tri
     nominal = bounded(contact_twin(scene)) if twin else model
     draw = np.random.default_rng(seed)
     for number in range(count):
-        factor = 1 + draw.uniform(-UNKNOWN, UNKNOWN)
-        robot = with_friction(nominal, factor)
+        robot = with_friction(nominal, 1 + draw.uniform(-UNKNOWN, UNKNOWN))
         (q,), (v,) = drops(scene, 1, seed + number)
         above = np.tan(SLOPE) * np.abs(q[:, 0]).max() + 0.02
         if ground == "bumps":
             robot, above = on_bumps(robot, seed + number), above + 4 * BUMPS
-        yield Trial(robot, model, (q + np.array([0, 0, above]), v), factor)
+        yield Trial(robot, model, (q + np.array([0, 0, above]), v))
 
 
 def with_friction(plant: Plant, factor: float) -> Plant:

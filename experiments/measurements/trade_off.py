@@ -73,7 +73,7 @@ def trade_off(
         found = pareto_front(
             problem, ga, least=LEAST_SPEED, seed=seed, options=fidelity_levels(problem.scene).screening.options
         )
-        fronts[name] = {"power": found.need.tolist(), "fitness": found.fitness.tolist(), "rollouts": found.rollouts}
+        fronts[name] = {"power": found.need.tolist(), "fitness": found.fitness.tolist()}
         count = len(found.need)
         along = np.unique(np.linspace(0, count - 1, min(chosen, count)).round().astype(int))
         for row in judged(problem, found.genes[along], robots):
@@ -106,7 +106,6 @@ def judged(problem: SearchProblem, genes: np.ndarray, robots: int) -> list[dict[
             "other_deviation": float(other.spread[k]),
             **{name: float(found[k]) for name, found in powers.items()},
             "frequency": float(np.max(np.asarray(gaits.frequency)[k])),
-            "amplitude": float(np.max(np.asarray(gaits.amplitude)[k])),
         }
         for k in range(len(genes))
     ]

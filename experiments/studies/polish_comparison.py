@@ -3,7 +3,7 @@
 Short searches for steady speed, one for each seed, end with a gait. From there go on: polish by smoothed gradients,
 polish by the derivative of the orbit's own speed, and the search itself with more generations, both as it was and with
 the overtones that polishing shapes. Each may spend the same number of rollouts. All answers are judged by the same
-robots, which nothing was chosen by, on the scene's own contact model and on the other one.
+robots, which nothing was chosen by.
 """
 
 import dataclasses
@@ -20,7 +20,6 @@ from jaxgrity import (
     SearchConfig,
     SearchProblem,
     SolverOptions,
-    contact_twin,
     load_scene,
     polish,
 )
@@ -78,11 +77,10 @@ def polish_comparison(
         population: gaits in a generation of the search
         generations: as in `jaxgrity search`
         rollouts: that each way may spend, as many as a default search polishes with
-        judges: robots by which all answers are judged on each contact model
+        judges: robots by which all answers are judged
         final_robots: by which polish decides what it keeps
     """
     scene, answers = load_scene("exact"), []
-    other = fidelity_levels(contact_twin(scene)).own
     config = SearchConfig(40.0, population, generations)
     problem = search_problem(scene, config)
     plain = problem._replace(fitness=without_force_bounds(problem.fitness))
@@ -107,9 +105,8 @@ def polish_comparison(
                 polishing = PolishConfig(rollouts, way, final_robots=final_robots)
                 found[way] = polished(shaped, wider, polishing, (levels.screening.options, levels.own.options), seed)
         genes = np.stack([genes for genes, _ in found.values()])
-        own, others = (judgement(shaped, level, genes, judges) for level in (levels.own, other))
-        for (way, (each, more)), judged, there in zip(found.items(), own, others):
-            answers.append({"seed": seed, "way": way, **more, "genes": each.tolist(), **judged, "other_model": there})
+        for (way, (_, more)), judged in zip(found.items(), judgement(shaped, levels.own, genes, judges)):
+            answers.append({"seed": seed, "way": way, **more, **judged})
             yield answers[-1]
     fitness = by_seed(answers)["start"]
     starts = {"start": float(np.median(list(fitness.values()))), "seeds": len(fitness)}
@@ -125,11 +122,9 @@ def by_seed(answers: list[Record], what: str = "fitness") -> dict[str, dict[int,
 def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
     """Of each way: what it gained over its start and over a longer search, seed by seed."""
     fitness, means, rows = by_seed(answers), by_seed(answers, "mean"), []
-    others = by_seed([{**row, **row["other_model"]} for row in answers])
     for way in WAYS:
         gains = [fitness[way][seed] - fitness["start"][seed] for seed in fitness["start"]]
         of_means = [means[way][seed] - means["start"][seed] for seed in means["start"]]
-        on_other = [others[way][seed] - others["start"][seed] for seed in others["start"]]
         beyond = [fitness[way][seed] - fitness["search runs on"][seed] for seed in fitness["start"]]
         mine = [row for row in answers if row["way"] == way]
         rows.append(
@@ -138,8 +133,6 @@ def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
                 "gain": float(np.median(gains)),
                 "quartiles": [float(x) for x in np.quantile(gains, (0.25, 0.75))],
                 "gain_of_mean": float(np.median(of_means)),
-                "gain_on_other": float(np.median(on_other)),
-                "better_on_other": sum(gain > 0 for gain in on_other),
                 "better": sum(gain > 0 for gain in gains),
                 "worse": sum(gain < 0 for gain in gains),
                 "beats": sum(gain > 0 for gain in beyond),

@@ -41,7 +41,6 @@ def predictive_speed(
             "real_time": found.real_time,
             "milliseconds": 1000 / rate / found.real_time,
             "slowest": 1000 * float(np.quantile(found.spent, 0.95)),
-            "choices": len(found.bends),
         }
     return {"rate": rate, "horizon": horizon}
 

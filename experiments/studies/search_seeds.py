@@ -14,7 +14,7 @@ from jaxgrity.io.files import read_text
 SEARCH = Path(__file__).parents[1] / "gait_search.py"
 
 
-@measurement(page="search_records.md", quick={"seeds": (0,), "small": True}, raw=("seconds",))
+@measurement(page="search_records.md", quick={"seeds": (0,), "small": True})
 def search_seeds(out: Path, seeds: tuple[int, ...] = tuple(range(8)), small: bool = False) -> Iterator[Record]:
     """A row for each seed; each search leaves a folder, and one that is finished there is not repeated.
 
@@ -32,11 +32,8 @@ def search_seeds(out: Path, seeds: tuple[int, ...] = tuple(range(8)), small: boo
 
 def facts_of(summary: Record) -> Record:
     """Of a search's summary: the speed of the orbit, of perturbed robots, and the gain of polishing."""
-    steady, polish, motors = summary["steady"], summary["polish"], summary["actuators"]
-    found: Record = {"rate": motors["peak_rate"], "power": motors["peak_power"], "seconds": summary["wall_seconds"]}
-    found |= {
-        name: None if polish is None else polish[name] for name in ("fitness_before", "fitness_after", "improved")
-    }
+    steady, polish = summary["steady"], summary["polish"]
+    found: Record = {name: None if polish is None else polish[name] for name in ("fitness_before", "fitness_after")}
     if steady is None or not steady["settled"]:
         return found | dict.fromkeys(("speed", "settles", "own", "own_deviation", "other", "other_deviation"))
     own, other = steady["robust"], steady["other_contact_model"]
