@@ -2,10 +2,6 @@
 
 import numpy as np
 from matplotlib.figure import Figure
-from measurements.measured_limits import at_rest, measure
-
-from jaxgrity import METHODS, Scene, SolverOptions, energy_audit, stable_step
-from jaxgrity.report import plot
 from paper_claims.report import (
     CALLED,
     PROGRAM,
@@ -19,6 +15,10 @@ from paper_claims.report import (
     verdict,
     without,
 )
+from studies.stability import at_rest, measure
+
+from jaxgrity import METHODS, Scene, SolverOptions, energy_audit, stable_step
+from jaxgrity.report import plot
 
 STIFFNESSES = (1e5, 2e5, 5e5, 1e6)
 """K of the struts, N/m"""

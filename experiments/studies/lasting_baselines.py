@@ -37,6 +37,8 @@ DRAWN = 4
 """times the population: random gaits with which every search begins"""
 FINALISTS, COMPARED, JUDGES, JUDGED_FOR = 8, 32, 64, 60.0
 """answers that are compared, and the robots by which; those by which all answers are judged, and for how long, s"""
+SPREAD = 1 / (2 * np.pi)
+"""Standard deviation of the first draws of CMA-ES, where 1 is a turn of the circle or the width of the bounds."""
 FEW = 96
 """Gaits of a search up to which it is a look at whether all of it works."""
 DRAWS = 10**6
@@ -77,7 +79,7 @@ def lasting_baselines(
         duration: s, of a rollout
     """
     if "CMA-ES" in methods:
-        built(4, 1)
+        built(4, 1, SPREAD)
     scene, size, answers = load_scene("exact"), Size(gaits, population), []
     searches: dict[str, Callable] = {"random": random_search, "CMA-ES": cma_es, "GA": genetic}
     searches["GA without crossover"] = partial(genetic, crossover=0.0)
@@ -155,24 +157,24 @@ def random_search(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
 
 
 @cache
-def built(population: int, size: int):
+def built(population: int, size: int, spread: float):
     """CMA-ES of evosax and its parameters, once for all seeds: a new object would be compiled anew.
 
-    Raises `InputError` where evosax is missing.
+    Its first draws have this standard deviation. Raises `InputError` where evosax is missing.
     """
     try:
         from evosax.algorithms import CMA_ES
     except ImportError as error:
         raise InputError("CMA-ES needs evosax: pip install -e '.[baselines]'") from error
     algorithm = CMA_ES(population, np.zeros(size))
-    return algorithm, algorithm.default_params.replace(std_init=1 / (2 * np.pi))
+    return algorithm, algorithm.default_params.replace(std_init=spread)
 
 
 def cma_es(problem: SearchProblem, size: Size, seed: int) -> np.ndarray:
     """CMA-ES from the best of the random gaits; its mean, and the best of its last generations."""
     genes, _ = first(problem, size, seed)
     each, key = size.population // 2, jax.random.key(seed)
-    algorithm, parameters = built(each, problem.genome.size)
+    algorithm, parameters = built(each, problem.genome.size, SPREAD)
     state, best = algorithm.init(key, genes[0], parameters), []
     for number in range((size.gaits - len(genes)) // each):
         asked, told = jax.random.split(jax.random.fold_in(key, number))

@@ -19,8 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from measurements.measurement import Figure, Record, check_names, measurement
 from measurements.pages import table
+from studies.lasting_baselines import built
 
-from jaxgrity import InputError, SolverOptions, as_dtype, load_gait, load_scene
+from jaxgrity import SolverOptions, as_dtype, load_gait, load_scene
 from jaxgrity.control import (
     TASKS,
     Environment,
@@ -88,7 +89,7 @@ def task_baselines(
     training = Training(generations, candidates, episodes, seed=0)
     rows = {} if earlier is None else {row["task"]: row for row in json.loads(read_text(earlier))["rows"]}
     check_names("tasks", tasks, TASKS if earlier is None else rows)
-    strategy = built(candidates) if earlier is None else None
+    strategy = built(candidates, len(SCALE), 1.0) if earlier is None else None
     for task in tasks:
         options = SolverOptions(dt=0.01, dtype="float32")
         env = environment(task, load_scene("exact"), options=options, seconds=seconds)
@@ -143,16 +144,6 @@ def judged(rolled: Callable, numbers: list[np.ndarray], training: Training) -> n
         padded = [*some, *[some[-1]] * (training.candidates - len(some))]
         found += list(rolled(np.array(padded), keys(training, TESTED))[0][: len(some)])
     return np.array(found)
-
-
-def built(population: int):
-    """CMA-ES and its parameters. Raises `InputError` where evosax is missing."""
-    try:
-        from evosax import algorithms
-    except ImportError as error:
-        raise InputError("the trained policy needs evosax: pip install -e '.[baselines]'") from error
-    strategy = algorithms.CMA_ES(population, np.zeros(len(SCALE)))
-    return strategy, strategy.default_params.replace(std_init=1.0)
 
 
 def known_controllers() -> dict[str, np.ndarray]:
