@@ -2,12 +2,11 @@
 
 Gaits are waves about one axis of the robot, which lets it turn. A straight, a left, a right, a slow and a fast gait are
 asked for: the nearest elites, and mirror images of those that are nearest with the other hand, are rolled out until
-they settle, and disturbed. The orbit that attracts and comes nearest to what was asked is told, and its gait left as a
-file; no cell of the repertoire is told twice, but as its own mirror image.
+they settle, and disturbed. The orbit that attracts and comes nearest to what was asked is told; no cell of the
+repertoire is told twice, but as its own mirror image.
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -22,12 +21,10 @@ from jaxgrity import (
     SearchConfig,
     SearchProblem,
     SolverOptions,
-    gait_facts,
     load_scene,
     one_gait,
     with_gait,
 )
-from jaxgrity.io.files import save_json
 from jaxgrity.model import body_length, image, symmetries
 from jaxgrity.orbits import find_orbit, stability
 from jaxgrity.report import plot
@@ -52,7 +49,6 @@ WATCH = 120.0
     drawn=("elites", "ranges"),
 )
 def repertoire(
-    out: Path,
     drawn: int = 256,
     batch: int = 64,
     rounds: int = 12,
@@ -60,7 +56,7 @@ def repertoire(
     tries: int = 8,
     seed: int = 0,
 ) -> Iterator[Record]:
-    """A row for each gait that is asked for; its gait goes to gaits/ in the folder.
+    """A row for each gait that is asked for.
 
     Args:
         drawn: gaits at random
@@ -79,10 +75,7 @@ def repertoire(
         found = fill_cells(problem, config, seed=seed, options=options, on_round=lambda _: bar.update())
     rows: list[Record] = []
     for name, asked in ASKED.items():
-        gait, row = verified(problem, found, asked, tries, rows)
-        if gait is not None:
-            save_json(out / "gaits" / f"{name}.json", gait_facts(gait))
-        rows.append({"gait": name} | row)
+        rows.append({"gait": name} | verified(problem, found, asked, tries, rows))
         yield rows[-1]
     elites = {name: getattr(found, name).tolist() for name in ("speed", "bend", "quality")}
     return {
@@ -120,29 +113,25 @@ def verified(
     asked: tuple[float, float],
     tries: int,
     others: list[Record],
-) -> tuple[Gait | None, Record]:
+) -> Record:
     """Of the elites that were watched: the orbit, in body lengths, that attracts and comes nearest to what was asked.
 
-    One attracts if its multipliers are below 1 and `RETURN` of the robots that are disturbed come back. Its gait, which
-    is none of the others', is returned too. Where none attracts, the first elite that was watched.
+    One attracts if its multipliers are below 1 and `RETURN` of the robots that are disturbed come back. None of
+    the others is told again. Where none attracts, the first elite that was watched.
     """
     tried = [
-        (gait, about | watched(with_gait(problem.scene, gait)))
-        for gait, about in candidates(problem, found, asked, tries)
+        about | watched(with_gait(problem.scene, gait)) for gait, about in candidates(problem, found, asked, tries)
     ]
     attracting = [
-        (gait, row)
-        for gait, row in tried
-        if row["settled"] and (row["multiplier"] or 1.0) < 1 and row["returned"] >= RETURN
+        row for row in tried if row["settled"] and (row["multiplier"] or 1.0) < 1 and row["returned"] >= RETURN
     ]
     count = {"watched": len(tried), "attracting": len(attracting)}
     told = [(other["cell"], other["mirrored"]) for other in others]
-    held = [(gait, row) for gait, row in attracting if (row["cell"], row["mirrored"]) not in told]
+    held = [row for row in attracting if (row["cell"], row["mirrored"]) not in told]
     if not held:
-        return None, tried[0][1] | count
+        return tried[0] | count
     off = lambda row: WEIGHTS[0] * abs(row["speed"] - asked[0]) + WEIGHTS[1] * abs(row["bend"] - asked[1])  # noqa: E731
-    gait, row = min(held, key=lambda each: off(each[1]))
-    return gait, row | count
+    return min(held, key=off) | count
 
 
 def candidates(

@@ -65,7 +65,7 @@ LOOKS = {
     quick={
         "scene": ("free flight",), "methods": ("rk4", "complementarity"), "precisions": ("float64",), "mujoco": False,
     },
-    raw=("rows", "gaits"),
+    raw=("rows",),
     drawn=("lines",),
 )  # fmt: skip
 def work_precision(
@@ -99,7 +99,6 @@ def work_precision(
     return {
         "scene": scene,
         "error_of": "all nodes, root mean square" if task.nodes else "the centre of mass",
-        "gaits": gaits,
         "models_apart": float(np.median(distance(truths[False], truths[True]))),
         "target": TARGET,
         "cost_at_target": cost_at_target(rows),

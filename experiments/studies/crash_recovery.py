@@ -33,7 +33,7 @@ QUICK = (
 """one that only its processes and their compilation take time for"""
 
 
-@measurement(page="search_records.md", quick={"kills": 1, "timed": False}, raw=("rows", "moments_between"))
+@measurement(page="search_records.md", quick={"kills": 1, "timed": False}, raw=("rows",))
 def crash_recovery(out: Path, kills: int = 20, seed: int = 0, timed: bool = True) -> Iterator[Record]:
     """A row for each run that is killed; counts of what became of them.
 
@@ -77,7 +77,6 @@ def crash_recovery(out: Path, kills: int = 20, seed: int = 0, timed: bool = True
     return {
         "killed": kills,
         "undisturbed_seconds": lasted,
-        "moments_between": [first, last],
         "between_generations": sum(0 < sum(row["generations_saved"]) < 20 for row in rows),
         "same_population": same,
         "broken_files": broken,

@@ -38,7 +38,7 @@ WATCHED = 100.0
 """s, for an orbit"""
 
 
-@measurement(page="gait_records.md", quick={"steps": 1, "last": 1}, raw=("limits",), drawn=("each", "slopes"))
+@measurement(page="gait_records.md", quick={"steps": 1, "last": 1}, drawn=("each", "slopes"))
 def design_gradient(
     study: Path = Path("results/design_study/design_study.json"),
     steps: int = 8,
@@ -62,7 +62,6 @@ def design_gradient(
     for row in begun if last is None else begun[-last:]:
         x, power = np.log([row["factors"][name] for name in NAMES]), row["power"]
         yield {"power": power, "exact": row["speed"]} | climbed(exact, x, limits, power, steps, box)
-    return {"limits": list(limits)}
 
 
 class Slopes(NamedTuple):
@@ -81,7 +80,7 @@ def climbed(exact: Scene, x: np.ndarray, limits: Limits, power: float, most: int
     scene, box, steps, first_slope = penalty_twin(exact), first_box, [], None
     first = here = on_orbit(scene, x)
     if not here["settled"]:
-        return {"penalty": None, "said": "settles on no orbit on penalty contact", "each": [], "steps": 0, "kept": 0}
+        return {"penalty": None, "each": [], "steps": 0, "kept": 0}
     for _ in tqdm(range(most), unit="gradient", leave=False):
         orbit = find_orbit(designed(scene, x), max(WATCHED, 60 / float(designed(scene, x).gait.frequency[0])))
         value, slope = slopes(scene, x, orbit)
@@ -99,8 +98,7 @@ def climbed(exact: Scene, x: np.ndarray, limits: Limits, power: float, most: int
             break
     back = on_orbit(exact, x) if any(step["kept"] for step in steps) else None
     kept = sum(step["kept"] for step in steps)
-    said = f"{first['speed']:.3f} m/s on penalty contact, {here['speed']:.3f} m/s after {kept} steps"
-    found = {"said": said, "penalty": first, "climbed": here, "back": back}
+    found = {"penalty": first, "climbed": here, "back": back}
     found |= {"steps": len(steps), "kept": kept, "each": by_name(steps, "speed", "kept") if steps else []}
     return found | ({} if first_slope is None else {"slopes": first_slope._asdict()})
 
@@ -171,7 +169,7 @@ def words(record: Record) -> str:
     for row in record["rows"]:
         about = [f"{row['power']:g} W", f"{row['exact']:.3f}"]
         if not row["penalty"]:
-            rows.append([*about, row["said"], "", "", ""])
+            rows.append([*about, "settles on no orbit on penalty contact", "", "", ""])
             continue
         penalty, higher, back = (row[name] and told(row[name]) for name in ("penalty", "climbed", "back"))
         rows.append([*about, penalty, higher, f"{row['kept']} of {row['steps']}", back or ""])

@@ -49,7 +49,6 @@ Redrawn = tuple[np.ndarray, np.ndarray, float]
 @measurement(
     page="search_records.md",
     quick={"draws": 4, "robots": 8, "duration": 8.0, "contacts": ("exact",)},
-    raw=("duration",),
     drawn=("off",),
 )
 def redraws(
@@ -80,7 +79,7 @@ def redraws(
             off = (values - true) / ranges
             covered = float(np.mean(np.abs(off) <= 1))
             yield {"statistic": statistic, "contact": contact, "covered": covered, "off": off}
-    return {"draws": draws, "robots": robots, "duration": duration}
+    return {"draws": draws, "robots": robots}
 
 
 def pair_of(gaits: list[Gait]) -> Gait:

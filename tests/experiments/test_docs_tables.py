@@ -107,7 +107,7 @@ def test_results_are_condensed_first(copied, tmp_path):
     kept = {"command": "python x.py", "cores": 3, "killed": 3, "between_generations": 2, "same_population": 2}
     kept |= {"undisturbed_seconds": 12.3456789, "broken_files": 1}
     folder = tmp_path / "results" / "crash_recovery"
-    save_compact(folder / "crash_recovery.json", kept | {"moments_between": [0, 1], "rows": [{"after_seconds": 1.0}]})
+    save_compact(folder / "crash_recovery.json", kept | {"rows": [{"after_seconds": 1.0}]})
     update_docs.main(update_docs.Settings(results=tmp_path / "results", docs=copied))
     facts = json.loads((copied / "docs" / "measured" / "crash_recovery.json").read_text())
     assert facts == kept | {"undisturbed_seconds": 12.3457}

@@ -444,7 +444,7 @@ def test_all_elites_that_attract_are_counted(exact, monkeypatch):
     orbit = {"settled": True, "multiplier": 0.5, "returned": 1.0, "speed": 0.5, "bend": 0.1}
     monkeypatch.setattr(module, "candidates", lambda *_: about)
     monkeypatch.setattr(module, "watched", lambda scene: orbit)
-    _, row = module.verified(SimpleNamespace(scene=exact), None, (0.5, 0.1), 3, [about[0][1]])
+    row = module.verified(SimpleNamespace(scene=exact), None, (0.5, 0.1), 3, [about[0][1]])
     assert (row["watched"], row["attracting"], row["cell"]) == (3, 3, [0, 1])
 
 
