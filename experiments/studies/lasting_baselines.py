@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple, get_args
 import jax
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import by_name, table
+from measurements.pages import by_name, columns, table
 
 from jaxgrity import GAConfig, InputError, SearchConfig, SearchProblem, contact_twin, evolve, load_scene
 from jaxgrity.search import (
@@ -115,20 +115,16 @@ def told(answers: list[Record]) -> list[Record]:
 @lasting_baselines.table
 def words(record: Record) -> str:
     """Steady speeds of each search's answers, and how much each could try."""
-    rows = [
-        [
-            row["freedom"],
-            row["method"],
-            f"{row['median']:.3f} ({row['quartiles'][0]:.3f} to {row['quartiles'][1]:.3f})",
-            f"{row['other']:.3f}",
-        ]
-        for row in record["rows"]
-    ]
-    head = ["gaits", "search", "steady speed, body lengths/s (quartiles)", "on the other contact model"]
+    cells = {
+        "gaits": "{freedom}",
+        "search": "{method}",
+        "steady speed, body lengths/s (quartiles)": "{median:.3f} ({quartiles[0]:.3f} to {quartiles[1]:.3f})",
+        "on the other contact model": "{other:.3f}",
+    }
     stood, seeds = (sum(row[name] for row in record["rows"]) for name in ("stood", "seeds"))
     about = [str(record["gaits"]), f"{record['duration']:g} s", f"{stood} of {seeds}"]
     settings = table(["gaits that each search tries", "duration", "answers of which no robot failed"], [about])
-    return f"{table(head, rows)}\n\n{settings}"
+    return f"{columns(record['rows'], cells)}\n\n{settings}"
 
 
 def tried(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
-from measurements.pages import table
+from measurements.pages import columns, table
 
 from jaxgrity import (
     GAConfig,
@@ -146,25 +146,19 @@ def compared_ways(answers: list[Record], rollouts: int) -> list[Record]:
 @polish_comparison.table
 def words(record: Record) -> str:
     """What each way gained, and what it could spend."""
-    head = [
-        "continued by", "fitness gained, body lengths/s", "mean speed gained",
-        "seeds better, worse", "beats more search", "kept", "rollouts",
-    ]  # fmt: skip
-    rows = [
-        [
-            row["way"],
-            f"{row['gain']:+.3f} ({row['quartiles'][0]:+.3f} to {row['quartiles'][1]:+.3f})",
-            f"{row['gain_of_mean']:+.3f}",
-            f"{row['better']}, {row['worse']} of {record['seeds']}",
-            "-" if row["way"] == "search runs on" else f"{row['beats']} of {record['seeds']}",
-            "-" if row["kept"] is None else f"{row['kept']}",
-            f"{row['spent']:.0f}",
-        ]
-        for row in record["rows"]
-    ]
-    about = [str(record["seeds"]), str(record["rollouts"]), f"{record['start']:.3f} body lengths/s"]
+    seeds = record["seeds"]
+    cells = {
+        "continued by": "{way}",
+        "fitness gained, body lengths/s": "{gain:+.3f} ({quartiles[0]:+.3f} to {quartiles[1]:+.3f})",
+        "mean speed gained": "{gain_of_mean:+.3f}",
+        "seeds better, worse": lambda row: f"{row['better']}, {row['worse']} of {seeds}",
+        "beats more search": lambda row: "-" if row["way"] == "search runs on" else f"{row['beats']} of {seeds}",
+        "kept": lambda row: "-" if row["kept"] is None else f"{row['kept']}",
+        "rollouts": "{spent:.0f}",
+    }
+    about = [str(seeds), str(record["rollouts"]), f"{record['start']:.3f} body lengths/s"]
     settings = table(["seeds", "most rollouts", "fitness of the starts, median"], [about])
-    return f"{table(head, rows)}\n\n{settings}"
+    return f"{columns(record['rows'], cells)}\n\n{settings}"
 
 
 def polished(
