@@ -38,11 +38,9 @@ COMMANDS = {
 """arguments of `jaxgrity`, by their names in the table; none: the first example of README.md"""
 ENDLESS = {"explore": re.compile(rb"shown after|Ctrl-C to stop")}
 """what says that a command without an end has done what a user waits for; it is interrupted then"""
-WAITED = ("seconds", "compiling", "programs")
-"""what the table has of each: seconds, and the number of programs that were made or read"""
 
 
-@measurement(page="performance.md", quick={"commands": ("help", "README's gradient")}, raw=("rows",))
+@measurement(page="performance.md", quick={"commands": ("help", "README's gradient")}, raw=("cpu", "tracing", "kept"))
 def first_commands(commands: tuple[str, ...] = tuple(COMMANDS)) -> Iterator[Record]:
     """A row for each command, with nothing compiled before and then with what that left.
 
@@ -50,27 +48,18 @@ def first_commands(commands: tuple[str, ...] = tuple(COMMANDS)) -> Iterator[Reco
         commands: names of those that are measured
     """
     check_names("commands", commands, COMMANDS)
-    rows = []
     with tempfile.TemporaryDirectory() as folder:
         for name in commands:
-            for state, numbers in cold_and_warm(name, Path(folder)):
-                rows.append({"name": name, "state": state, **numbers})
-                yield rows[-1]
-    return {"commands": quoted(rows)}
-
-
-def quoted(rows: list[Record]) -> list[Record]:
-    """What the table has of each."""
-    return [{name: row[name] for name in ("name", "state", *WAITED)} for row in rows]
+            yield from cold_and_warm(name, Path(folder))
 
 
 @first_commands.table
 def words(record: Record) -> str:
     """Each command, cold and warm."""
     head = ["command", "cold, s", "of that compiling, s", "warm, s", "programs"]
-    found = {(row["name"], row["state"]): row for row in record["commands"]}
+    found = {(row["name"], row["state"]): row for row in record["rows"]}
     rows = []
-    for name in dict.fromkeys(row["name"] for row in record["commands"]):
+    for name in dict.fromkeys(row["name"] for row in record["rows"]):
         cold, warm = found[name, "cold"], found[name, "warm"]
         waited = cold["seconds"], cold["compiling"], warm["seconds"], cold["programs"]
         rows.append([name, *map(to_read, waited)])
@@ -81,12 +70,12 @@ def to_read(number: float) -> str:
     return f"{number:.0f}" if number >= 10 or number == int(number) else f"{number:.1f}"
 
 
-def cold_and_warm(name: str, folder: Path) -> Iterator[tuple[str, dict]]:
-    """The measurements of a command, with nothing compiled before and then with what that left."""
+def cold_and_warm(name: str, folder: Path) -> Iterator[Record]:
+    """The rows of a command, with nothing compiled before and then with what that left."""
     place = folder / re.sub(r"\W+", "_", name)
     place.mkdir()
     for state in ("cold", "warm"):
-        yield state, measure(name, place)
+        yield {"name": name, "state": state, **measure(name, place)}
     shutil.rmtree(place)
 
 
