@@ -6,6 +6,7 @@ that does not know of the obstacles. Touching is judged by all struts and cables
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from matplotlib.patches import Circle
@@ -14,7 +15,7 @@ from measurements.measurement import Figure, Record, measurement
 from measurements.pages import table
 from tqdm import tqdm
 
-from jaxgrity import Differences, Scene, contact_twin, load_gait, load_scene
+from jaxgrity import Cylinder, Differences, Scene, Trajectory, contact_twin, load_gait, load_scene
 from jaxgrity.control import (
     CAUTIOUS,
     REACHED,
@@ -31,6 +32,7 @@ from jaxgrity.control import (
     side_by_side,
     way_map,
 )
+from jaxgrity.report import view
 
 PERIOD = 0.01
 """s, in which robots get a command"""
@@ -58,8 +60,10 @@ KINDS = ("reached", "arrived", "touched")
     quick={"fields": 2, "samples": 4, "patience": 1.5, "twin": False},
     drawn=("rows",),
 )
-def obstacles(fields: int = 20, samples: int = 24, patience: float = 60.0, twin: bool = True, seed: int = 1) -> Record:
-    """How many robots got round their obstacles, and how.
+def obstacles(
+    out: Path, fields: int = 20, samples: int = 24, patience: float = 60.0, twin: bool = True, seed: int = 1
+) -> Record:
+    """How many robots got round their obstacles, and how; a replay of one of them in the folder.
 
     Args:
         fields: of obstacles, each with a robot
@@ -83,6 +87,8 @@ def obstacles(fields: int = 20, samples: int = 24, patience: float = 60.0, twin:
     arrived = [row["planned"] for row in rows if row["planned"]["reached"]]
     going = np.arange(len(found.gaits))[:, None] * round(sampling.interval / PERIOD) < found.arrived
     names = np.array(choices.names)
+    shown = int(np.argmax([row["planned"]["reached"] for row in rows]))
+    keep_replay(scene, drawn[shown], maps[shown], found, shown, out / "replay.html")
     return {
         "patience": patience,
         "interval": sampling.interval,
@@ -182,6 +188,21 @@ def told(found: Journey, field: Discs, robot: int) -> Record:
         "length": float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum()),
         "path": path,
     }
+
+
+def keep_replay(scene: Scene, field: Discs, way: WayMap, found: Journey, robot: int, path: Path) -> None:
+    """A page with the robot, its obstacles as posts, and the way that was planned from the start."""
+    posts = tuple(Cylinder([*c, 0.0], [*c, 1.0], r) for c, r in zip(field.centres, field.radii))
+    twin = contact_twin(scene) if scene.constrained else scene  # whose forces follow from where the nodes are
+    q = found.nodes[: found.arrived[robot] + 1 : 2, :, :, robot]
+    shown_every = 2 * PERIOD
+    v = np.gradient(q, shown_every, axis=0)
+    times = shown_every * np.arange(len(q))
+    motion = Trajectory(times, q, v, np.array(0), np.array(len(q)), np.array(0), "rk4", None, twin)
+    planned = way.way(found.path[0, :2, robot])
+    lines = {"planned way": np.column_stack([planned, np.full(len(planned), 0.01)])}
+    props = view.Props(posts, lines)
+    view.keep_html(twin, motion, path, frame_rate=25.0, title="round obstacles", props=props)
 
 
 @obstacles.figure()

@@ -483,6 +483,7 @@ def test_robots_are_led_round_obstacles_and_feedback_is_tuned_on_bumps(tmp_path)
     told = words("obstacles", facts)
     assert "| goal reached, nothing touched | 0 of 2 |" in told
     assert "| did not arrive in 1.5 s | 2 |" in told
+    assert (tmp_path / "obstacles" / "replay.html").exists()
     facts = quick("scene_field", tmp_path / "scene_field")
     assert "| goal reached, nothing touched | 0 of 2 |" in words("scene_field", facts)
     facts = quick("predictive_speed", tmp_path / "predictive_speed")
