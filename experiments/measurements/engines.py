@@ -80,7 +80,7 @@ def mujoco_roll(scene: Scene, phases, duration: float, integrator: str, dt: floa
         positions, seconds = roll_mjx(scene, phases, duration, dt, integrator.split()[1])
     else:
         positions, seconds = roll(scene, phases, duration, dt, integrator, threads=jax.device_count())
-    mass = np.asarray(scene.structure.node_mass)
+    mass = np.asarray(scene.structure.lumped_mass)
     return np.einsum("n,gnk->gk", mass / mass.sum(), positions), seconds
 
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 from matplotlib.figure import Figure
+from paper_claims.report import CALLED, PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, thinned, verdict
 
 from jaxgrity import Gait, Scene, SolverOptions, centre_path, gaits_of, simulate, simulate_population, with_gait
 from jaxgrity.model import random_members
 from jaxgrity.report import plot
-from paper_claims.report import CALLED, PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, thinned, verdict
 
 FREQUENCIES = (0.5, 0.25, 0.125, 0.0625, 0.03125)
 """Hz"""

@@ -3,10 +3,10 @@
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from paper_claims.report import REFERENCE, Report, Row, scenes, thinned, verdict
 
 from jaxgrity import Scene, SolverOptions, Trajectory, centre_path, simulate
 from jaxgrity.report import plot
-from paper_claims.report import REFERENCE, Report, Row, scenes, thinned, verdict
 
 STEP = 5e-4
 MOMENT = 8.0

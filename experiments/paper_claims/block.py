@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import numpy as np
 from matplotlib.figure import Figure
+from paper_claims.report import Report, Row, significant, verdict
 
 from jaxgrity import (
     ConeFriction,
@@ -19,7 +20,6 @@ from jaxgrity import (
 from jaxgrity.model import Friction
 from jaxgrity.report import plot
 from jaxgrity.stepping import smooth_force, velocities_midway
-from paper_claims.report import Report, Row, significant, verdict
 
 MU, G, K_N, DISSIPATION = 0.8, 9.81, 1e5, 2.0
 STEP, DURATION = 1e-3, 5.0

@@ -4,9 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
-
-from jaxgrity import FAILURES, EnergyAudit, Scene, SolverOptions, energy_audit, simulate
-from jaxgrity.report import plot
 from paper_claims.report import (
     CALLED,
     PROGRAM,
@@ -20,6 +17,9 @@ from paper_claims.report import (
     verdict,
     without,
 )
+
+from jaxgrity import FAILURES, EnergyAudit, Scene, SolverOptions, energy_audit, simulate
+from jaxgrity.report import plot
 
 STEP = 1e-3
 CONSERVATIVE_STEP = 5e-4

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from paper_claims.block import LAWS, slide
+from paper_claims.report import HOLDS, REFERENCE, Report, Row, scenes, significant, verdict
 
 from jaxgrity import ExactGround, SolverOptions, bumps, gaits_of, random_phases, sensitivity, simulate_population
 from jaxgrity.io.files import read_text
 from jaxgrity.report import plot
-from paper_claims.block import LAWS, slide
-from paper_claims.report import HOLDS, REFERENCE, Report, Row, scenes, significant, verdict
 
 MEASURED = Path(__file__).parents[2] / "docs" / "measured"
 

@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from paper_claims.report import Report, Row, verdict
 
 from jaxgrity import Members, PenaltyGround, Scene, Structure
 from jaxgrity.report import plot
-from paper_claims.report import Report, Row, verdict
 
 K, L0 = 2e4, 0.8
 SPRING = Members(((0, 1),), np.array([K]), np.array([L0]))

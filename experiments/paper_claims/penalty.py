@@ -2,9 +2,6 @@
 
 import numpy as np
 from matplotlib.figure import Figure
-
-from jaxgrity import PenaltyGround, Scene, SolverOptions, Structure, simulate
-from jaxgrity.report import plot
 from paper_claims.report import (
     CALLED,
     PROGRAM,
@@ -19,6 +16,9 @@ from paper_claims.report import (
     verdict,
     without,
 )
+
+from jaxgrity import PenaltyGround, Scene, SolverOptions, Structure, simulate
+from jaxgrity.report import plot
 
 STIFFNESSES = (1e3, 1e4, 1e5, 1e6, 1e7)
 """k_n, N/m"""

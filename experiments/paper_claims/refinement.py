@@ -4,9 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-
-from jaxgrity import Scene, SolverOptions, simulate
-from jaxgrity.report import plot
 from paper_claims.report import (
     PROGRAM,
     REFERENCE,
@@ -20,6 +17,9 @@ from paper_claims.report import (
     verdict,
     without,
 )
+
+from jaxgrity import Scene, SolverOptions, simulate
+from jaxgrity.report import plot
 
 DURATION = 3.0
 NEARBY = 1e-11

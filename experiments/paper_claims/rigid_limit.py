@@ -5,9 +5,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.figure import Figure
-
-from jaxgrity import Scene, SolverOptions, edge_lengths, simulate
-from jaxgrity.report import plot
 from paper_claims.report import (
     CALLED,
     PROGRAM,
@@ -21,6 +18,9 @@ from paper_claims.report import (
     verdict,
     without,
 )
+
+from jaxgrity import Scene, SolverOptions, edge_lengths, simulate
+from jaxgrity.report import plot
 
 STIFFNESSES = (1e4, 1e5, 1e6, 1e7)
 DURATION = 0.5

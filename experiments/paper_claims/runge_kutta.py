@@ -3,11 +3,11 @@
 import jax
 import numpy as np
 from matplotlib.figure import Figure
+from paper_claims.report import CALLED, PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 
 from jaxgrity import Scene, SolverOptions, simulate
 from jaxgrity.report import plot
 from jaxgrity.stepping import vector_field
-from paper_claims.report import CALLED, PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 
 STEP = 5e-4
 

@@ -3,11 +3,11 @@
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from paper_claims.report import CALLED, PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 
 from jaxgrity import Fitness, GAConfig, Gait, Genome, Scene, SearchProblem, SolverOptions, evolve, verify, with_gait
 from jaxgrity.report import plot
 from jaxgrity.search import distinct
-from paper_claims.report import CALLED, PROGRAM, REFERENCE, TEXT, Report, Row, scenes, significant, verdict
 
 STEP = 1e-3
 FINALISTS = 4

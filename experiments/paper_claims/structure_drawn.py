@@ -3,10 +3,10 @@
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from paper_claims.report import CALLED, PROGRAM, REFERENCE, Report, Row, scenes, significant, verdict
 
 from jaxgrity import Scene
 from jaxgrity.report import plot
-from paper_claims.report import CALLED, PROGRAM, REFERENCE, Report, Row, scenes, significant, verdict
 
 
 def check(quick: bool) -> Report:

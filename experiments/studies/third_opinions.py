@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from measurements import limit as hand_written
+from measurements.engines import mujoco_roll
 from measurements.measurement import Figure, Record, measurement
 from measurements.pages import columns
 
@@ -50,14 +51,17 @@ def third_opinions(
 
 
 def engines_of(scene: Scene, mujoco: bool) -> dict[str, Ends]:
-    """What rolls the robots out, by its name: on rigid contact, then on springs, then by MuJoCo."""
+    """What rolls the robots out, by its name: on rigid contact, then on springs, then by MuJoCo.
+
+    MuJoCo gets spring struts and cables, and its own soft contact, by RK4 at 0.2 ms.
+    """
     twin = contact_twin(scene)
     found = {"jaxgrity, exact": by_jaxgrity(scene), "jaxgrity, penalty": by_jaxgrity(twin)}
     if (programs := hand_written.programs()) is not None:
         found["C, exact contact"] = by_c(programs / "exact64", scene, 2.5e-3)
         found["C, penalty contact"] = by_c(programs / "limit64", twin, 2e-4)
     if find_spec("mujoco") is not None and mujoco:
-        found["MuJoCo"] = by_mujoco(twin)
+        found["MuJoCo"] = lambda phases, duration: mujoco_roll(twin, phases, duration, "RK4", 2e-4)[0]
     return found
 
 
@@ -74,19 +78,6 @@ def by_jaxgrity(scene: Scene) -> Ends:
 def by_c(program: Path, scene: Scene, dt: float) -> Ends:
     """At a step of `dt`, s."""
     return lambda phases, duration: hand_written.roll(program, scene, phases, round(duration / dt), dt, threads=2)[0]
-
-
-def by_mujoco(scene: Scene) -> Ends:
-    """Spring struts and cables, and MuJoCo's own soft contact, by RK4 at 0.2 ms."""
-    from measurements import mujoco_peer
-
-    mass = np.asarray(scene.structure.lumped_mass)
-
-    def ends(phases: np.ndarray, duration: float) -> np.ndarray:
-        q, _ = mujoco_peer.roll(scene, phases, duration, 2e-4, "RK4")
-        return np.einsum("n,rnk->rk", mass / mass.sum(), q)
-
-    return ends
 
 
 @third_opinions.table
