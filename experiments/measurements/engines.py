@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -84,7 +84,7 @@ def mujoco_roll(scene: Scene, phases, duration: float, integrator: str, dt: floa
     return np.einsum("n,gnk->gk", mass / mass.sum(), positions), seconds
 
 
-def clock(function: Callable) -> tuple[float, object]:
+def clock(function: Callable[[], Any]) -> tuple[float, Any]:
     """Wall time of one call, s, and its result."""
     start = time.perf_counter()
     result = jax.block_until_ready(function())

@@ -4,7 +4,6 @@ The gradient is that of the distance travelled, in the 6 phases of each gait, or
 all gaits share, for one gait and for 64, by RK4 at 0.5 ms in float64; the mode that wins by exact contact at 5 ms too.
 """
 
-import time
 from collections.abc import Callable, Iterator
 
 import diffrax
@@ -12,6 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from measurements.engines import clock
 from measurements.measurement import Figure, Record, measurement
 from measurements.pages import table
 
@@ -211,12 +211,8 @@ def compare(
 
 def timed(function: Callable, values: jax.Array, repeats: int) -> tuple[float, jax.Array]:
     """Median wall time of a call after the first, s, and the result."""
-    seconds = []
-    for _ in range(repeats + 1):
-        start = time.perf_counter()
-        result = jax.block_until_ready(function(values))
-        seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds[1:])), result
+    runs = [clock(lambda: function(values)) for _ in range(repeats + 1)]
+    return float(np.median([seconds for seconds, _ in runs[1:]])), runs[-1][1]
 
 
 def temporary(scene: Scene, gaits: Gait, name: str, horizon: float) -> int:

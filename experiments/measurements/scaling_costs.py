@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable
 from multiprocessing.pool import Pool
 from pathlib import Path
@@ -15,7 +14,7 @@ from jaxgrity.cli.script import configure
 import jax
 import numpy as np
 from measurements import limit as hand_written
-from measurements.engines import AT_LEAST, C_SWEEPS
+from measurements.engines import AT_LEAST, C_SWEEPS, clock
 
 from jaxgrity import Scene, SolverOptions, gaits_of, load_scene, random_phases, simulate, simulate_population
 from jaxgrity.structures import prism_tower
@@ -51,9 +50,7 @@ def median_time(function: Callable, repeats: int) -> float:
     """Median wall time of a call, s, of so many or as many as take `AT_LEAST`, after one that compiles."""
     seconds: list[float] = []
     while len(seconds) < repeats + 1 or sum(seconds[1:]) < AT_LEAST:
-        start = time.perf_counter()
-        jax.block_until_ready(function())
-        seconds.append(time.perf_counter() - start)
+        seconds.append(clock(function)[0])
     return float(np.median(seconds[1:]))
 
 

@@ -6,20 +6,19 @@ against the converged answer of its own model: the penalty model, or the same ro
 The distance between the two models is drawn beside them.
 """
 
-import time
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax
 import numpy as np
+from measurements.engines import clock
 from measurements.measurement import Figure, Record, measurement
 from measurements.pages import by_name, short, table
 
 from jaxgrity import (
     METHODS,
     Gait,
-    Outcomes,
     Scene,
     SolverOptions,
     gaits_of,
@@ -208,15 +207,9 @@ def measure(task: Task, options: SolverOptions, truths: dict, repeats: int) -> R
     kind = METHODS[options.method]
     scene, truth = (task.exact if kind.constrained else task.penalty), truths[kind.constrained]
     gaits = task.gaits if not kind.implicit else jax.tree.map(lambda x: x[:FEW] if np.ndim(x) else x, task.gaits)
-
-    def roll() -> Outcomes:
-        return jax.block_until_ready(simulate_population(scene, gaits, task.duration, options=options))
-
-    outcomes, seconds = roll(), []
-    for _ in range(1 if kind.implicit else repeats):
-        start = time.perf_counter()
-        outcomes = roll()
-        seconds.append(time.perf_counter() - start)
+    roll = lambda: simulate_population(scene, gaits, task.duration, options=options)  # noqa: E731
+    _, outcomes = clock(roll)
+    seconds = [clock(roll)[0] for _ in range(1 if kind.implicit else repeats)]
     count = len(outcomes.com_end)
     off = distance(ends(task, outcomes.positions), truth[:count])
     failed = np.asarray(outcomes.failure) != 0

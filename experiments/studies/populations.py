@@ -5,7 +5,6 @@ as soon as it is measured, and --beside FILE shows the rows of another machine n
 """
 
 import json
-import time
 from collections.abc import Generator
 from itertools import product
 from pathlib import Path
@@ -14,11 +13,12 @@ from jaxgrity.cli.script import command_header
 
 import jax
 import numpy as np
+from measurements.engines import clock
 from measurements.measurement import Figure, Record, measurement
 from measurements.pages import table
 from measurements.scaling_costs import METHODS
 
-from jaxgrity import Outcomes, SolverOptions, gaits_of, load_scene, random_phases, simulate_population
+from jaxgrity import SolverOptions, gaits_of, load_scene, random_phases, simulate_population
 from jaxgrity.io.files import read_text
 
 DURATION = 0.5
@@ -70,9 +70,8 @@ def cost(method: str, dtype: str, gaits: int) -> tuple[dict, np.ndarray]:
     rows, options = gaits_of(scene.gait, phases), SolverOptions(method=method, dt=dt, dtype=dtype, any_step=True)
     seconds: list[float] = []
     while len(seconds) < 2 or (len(seconds) < 4 and sum(seconds[1:]) < 4.0):
-        start = time.perf_counter()
-        found: Outcomes = jax.block_until_ready(simulate_population(scene, rows, DURATION, options=options))
-        seconds.append(time.perf_counter() - start)
+        spent, found = clock(lambda: simulate_population(scene, rows, DURATION, options=options))
+        seconds.append(spent)
     facts = {
         "method": method,
         "dtype": dtype,
