@@ -13,7 +13,7 @@ from pathlib import Path
 from jaxgrity.cli.script import command_header
 
 import numpy as np
-from measurements.engines import Engine, engines, seconds_of
+from measurements.engines import SAME_MODEL, Engine, engines, seconds_of
 from measurements.pages import columns
 from tqdm import tqdm
 
@@ -22,8 +22,6 @@ from jaxgrity.io.files import save_json
 
 STEPS = {"rk4": 5e-4, "complementarity": 5e-3, "limit": 5e-4, "exact": 5e-3, "mujoco Euler": 1e-3}
 """s; engines without one here are left out"""
-SAME_MODEL = {"rk4": "limit", "complementarity": "exact"}
-"""the C program that does the same"""
 
 
 @dataclass

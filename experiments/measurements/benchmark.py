@@ -12,7 +12,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from measurements.engines import Engine, clock, engines, numpy_roll, ours, seconds_of
+from measurements.engines import SAME_MODEL, Engine, clock, engines, numpy_roll, ours, seconds_of
 from measurements.measurement import Figure, Record, measurement
 from measurements.pages import by_name, table
 from tqdm import tqdm
@@ -228,11 +228,10 @@ def numpy_cost(scene: Scene, phase: np.ndarray) -> tuple[float, float]:
 def ratios(points: list[Point]) -> dict[tuple[str, str, float], float]:
     """Wall time over that of the C program with the same model, step and precision."""
     known = {(p.engine, p.dtype, p.dt): p.seconds for p in points}
-    pairs = {"rk4": "limit", "complementarity": "exact"}
     return {
-        p[:3]: p.seconds / known[pairs[p.engine], p.dtype, p.dt]
+        p[:3]: p.seconds / known[SAME_MODEL[p.engine], p.dtype, p.dt]
         for p in points
-        if p.engine in pairs and (pairs[p.engine], p.dtype, p.dt) in known
+        if p.engine in SAME_MODEL and (SAME_MODEL[p.engine], p.dtype, p.dt) in known
     }
 
 

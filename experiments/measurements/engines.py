@@ -12,6 +12,8 @@ from measurements import limit
 
 from jaxgrity import Scene, SolverOptions, gaits_of, simulate_population
 
+SAME_MODEL = {"rk4": "limit", "complementarity": "exact"}
+"""the C program that does the same as a method"""
 C_SWEEPS = 8
 AT_LEAST = 0.2
 """s, for which an engine is timed in each of its turns, at most `MOST` times over"""
