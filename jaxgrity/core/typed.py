@@ -69,6 +69,10 @@ def typed(function: Function) -> Function:
     return typing.cast(Function, refusing)
 
 
+def _takes_arrays(annotation: Any) -> bool:
+    return any(hasattr(kind, "array_type") for kind in (annotation, *typing.get_args(annotation)))
+
+
 def kinds_of(annotation: Any) -> tuple[type, ...]:
     """The checkable classes of a parameter: ours, files, text, None and numbers."""
     if isinstance(annotation, TypeVar):
@@ -113,7 +117,8 @@ def check_fields(module: Any) -> None:
         value, kinds = getattr(module, field.name), kinds_of(field.type)
         if typing.get_origin(field.type) is typing.Literal:
             check_known(field.name, value, typing.get_args(field.type))
-        if not _fits(value, kinds or (object,)):
+        row = np.ndim(value) and _takes_arrays(field.type)  # of several at once, as `vmap` takes them
+        if not row and not _fits(value, kinds or (object,)):
             raise InputError(f"{type(module).__name__}: {_refusal(field.name, value, kinds, {})}")
 
 

@@ -13,7 +13,8 @@ import pytest
 
 import jaxgrity
 from jaxgrity import InputError, Scene, SolverOptions, load_gait, load_scene, rollout, save_scene, simulate, with_gait
-from jaxgrity.core.typed import kinds_of, typed
+from jaxgrity.core.typed import check_fields, kinds_of, typed
+from jaxgrity.core.types import Scalar
 
 ROOMS = ["jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.SUB_PACKAGES)]
 
@@ -124,3 +125,20 @@ def test_what_fits_goes_through():
     for number in (1, 1.0, True, np.float32(1), np.ones(())):
         assert given(scene, number, "no array", scene, scene) == (scene, scene)
     assert _refused(given, scene, 1.0, None, scene, 3).startswith("given: more is 3; expected a Scene")
+
+
+def test_fields_take_the_values_of_several_at_once():
+    """A policy with an array of bends, as `lead_to` samples them; a field of the module's own kinds stays checked."""
+
+    class Pair(eqx.Module):
+        gain: Scalar
+        count: int = 1
+
+        def __check_init__(self):
+            check_fields(self)
+
+    assert Pair(jnp.zeros(3)).gain.shape == (3,)
+    with pytest.raises(InputError, match=r"^Pair: count is an array of shape \(3,\); expected a whole number$"):
+        Pair(0.0, np.zeros(3))
+    with pytest.raises(InputError, match=r"^Pair: gain is 'much'; expected a number"):
+        Pair("much")
