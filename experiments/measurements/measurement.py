@@ -16,7 +16,6 @@ from measurements.pages import made_by, rounded
 from tqdm import tqdm
 
 from jaxgrity import InputError
-from jaxgrity.core.arguments import check_count
 from jaxgrity.io.files import save_json
 from jaxgrity.report import plot
 
@@ -129,8 +128,8 @@ class Measurement:
         if settings.quick:  # options with another value than their default win
             usual = self.Settings()
             chosen |= {name: value for name, value in self._quick.items() if chosen[name] == getattr(usual, name)}
-        if "seed" in chosen:
-            check_count("seed", chosen["seed"], 0)
+        if chosen.get("seed", 0) < 0:
+            raise InputError(f"seed = {chosen['seed']}: expected 0 or more")
         for name, arguments in self.names.items():
             if all(value in chosen[parameter] for parameter, value in arguments.items()):
                 self._measure(settings.out / f"{name}.json", chosen | arguments)

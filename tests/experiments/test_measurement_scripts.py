@@ -84,8 +84,14 @@ def test_commands_of_the_library_are_commands(name):
 PUBLIC = ("jaxgrity", *(f"jaxgrity.{room}" for room in jaxgrity.SUB_PACKAGES))
 BEHIND_COMMANDS = "jaxgrity.explorer.session", "jaxgrity.orbits.motion_report"
 """Modules that commands stand on, which the matrix tries on every kind of scene."""
-PARTS_OF_PPO = "jaxgrity.control.learned", "jaxgrity.control.ppo"
-"""Modules that the study of another learner shares with ours, so that both differ in the gradient alone."""
+STEP_BY_STEP = ("jaxgrity.stepping.loop",)
+"""The one stepping loop, for what looks at every step."""
+INNER = {
+    "short_horizon": ("jaxgrity.control.learned", "jaxgrity.control.ppo"),
+    **dict.fromkeys(("gradients", "random_structures", "stability"), STEP_BY_STEP),
+}
+"""Modules that one experiment needs: the study of another learner shares parts of ours, so that only the gradient
+differs."""
 
 
 @pytest.mark.parametrize("path", sorted(EXPERIMENTS.rglob("*.py")), ids=lambda path: path.stem)
@@ -99,13 +105,7 @@ def test_no_experiment_imports_what_is_not_public(path):
             known = {*import_module(node.module).__all__, *rooms}
             assert {name.name for name in node.names} <= known, ast.unparse(node)
         elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("jaxgrity."):
-            own = (
-                BEHIND_COMMANDS
-                if path.stem.startswith("matrix")
-                else PARTS_OF_PPO
-                if path.stem == "short_horizon"
-                else ()
-            )
+            own = BEHIND_COMMANDS if path.stem.startswith("matrix") else INNER.get(path.stem, ())
             allowed = node.module == "jaxgrity.io.files" or f"{node.module}.".startswith("jaxgrity.cli.")
             assert allowed or node.module in own, ast.unparse(node)
 
