@@ -117,7 +117,7 @@ def check_fields(module: Any) -> None:
         value, kinds = getattr(module, field.name), kinds_of(field.type)
         if typing.get_origin(field.type) is typing.Literal:
             check_known(field.name, value, typing.get_args(field.type))
-        row = np.ndim(value) and _takes_arrays(field.type)  # of several at once, as `vmap` takes them
+        row = getattr(value, "ndim", 0) and _takes_arrays(field.type)  # of several at once, as `vmap` takes them
         if not row and not _fits(value, kinds or (object,)):
             raise InputError(f"{type(module).__name__}: {_refusal(field.name, value, kinds, {})}")
 

@@ -78,7 +78,7 @@ def test_a_negative_seed_is_refused(tmp_path):
     def draws(seed: int = 0):
         pytest.fail("begun")
 
-    with pytest.raises(InputError, match="seed = -1: expected a whole number, at least 0"):
+    with pytest.raises(InputError, match="seed = -1: expected 0 or more"):
         draws.main(draws.Settings(seed=-1, out=tmp_path))
 
 
