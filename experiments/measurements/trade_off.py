@@ -5,7 +5,6 @@ the scene's own model: by robots that differ on both contact models, and by the 
 """
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +25,7 @@ from jaxgrity.search import (
 
 LEAST_SPEED = 0.1
 """Least fitness of a front, body lengths/s: slower gaits hardly travel."""
-ROBOTS = {"standard": "exact", "softer": Path(__file__).with_name("softer_robot.toml")}
+ROBOTS = {"standard": "exact", "softer": "softer"}
 """Scenes of the robots, by their names here. The softer one is described in its file."""
 OVERTONES = 2
 """Overtones of each wave."""
