@@ -17,7 +17,7 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.contact_twin import contact_twin, exact_twin, is_exact
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.population import as_population
-from jaxgrity.search.genetic_algorithm import Evolution, EvolutionState, GAConfig, begin, evolve
+from jaxgrity.search.genetic_algorithm import Evolution, EvolutionState, GAConfig, begin, evolve_by
 from jaxgrity.search.genome import Genes
 from jaxgrity.search.judging import (
     ROBOTS_PER_ROUND,
@@ -29,7 +29,6 @@ from jaxgrity.search.judging import (
     over_robots,
     standard_error,
     with_robots,
-    without_force_bounds,
 )
 from jaxgrity.search.models import model_of, rough_step
 from jaxgrity.search.objectives import ActuatorBounds
@@ -63,19 +62,20 @@ class FidelityLevel(NamedTuple):
         """Its step and its precision."""
         return SolverOptions(dt=self.dt, dtype=self.dtype)
 
-    def counting(self, fitness: Fitness) -> Fitness:
-        """The fitness with those of its bounds that count there."""
-        return fitness if self.force_bounds else without_force_bounds(fitness)
+    def counted(self, problem: SearchProblem) -> SearchProblem:
+        """The problem with those of its bounds that count there."""
+        return problem if self.force_bounds else problem.without_force_bounds
 
-    def judging(self, duration: float, fitness: Fitness) -> Judging:
-        """The judging of gaits on it: its own model, and its twin's, if any, at a rough step.
+    def judging(self, problem: SearchProblem) -> Judging:
+        """The judging of a problem's gaits on it: on its model, and its twin's, if any, by the bounds that count there.
 
-        Raises `InputError` as `resolve` does.
+        The twin has a rough step. Raises `InputError` as `resolve` does.
         """
+        duration = problem.duration
         models = [model_of(self.scene, duration, self.options)]
         if self.twin is not None:
             models.append(model_of(self.twin, duration, SolverOptions(dt=rough_step(self.twin), dtype=self.dtype)))
-        return Judging(tuple(models), duration, fitness)
+        return Judging(tuple(models), duration, self.counted(problem).fitness)
 
 
 class FidelityLevels(NamedTuple):
@@ -160,21 +160,20 @@ def evolve_through(
         if found and number >= len(states):
             state = state._replace(genes=found[-1].last.genes[: config.population])
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)
-        here = problem._replace(scene=level.scene, fitness=level.counting(problem.fitness))
-        found.append(evolve(here, config, options=level.options, state=state, on_generation=told))
+        found.append(evolve_by(level.judging(problem), problem.genome, config, state, told))
     return found
 
 
 @typed
 def judge_at(level: FidelityLevel, gaits: Gait, problem: SearchProblem, seed: int) -> Scores:
-    """`judge` on a fidelity level, by the problem's duration and fitness."""
-    return judge(jax.random.key(seed), level.judging(problem.duration, problem.fitness), gaits)
+    """`judge` on a fidelity level."""
+    return judge(jax.random.key(seed), level.judging(problem), gaits)
 
 
 def excess_at(level: FidelityLevel, genes: Genes, problem: SearchProblem, bounds: ActuatorBounds) -> np.ndarray:
     """(gaits,), `ActuatorBounds.excess` on a robot that is as the level's own model says; infinite where it failed."""
     fitness, gaits = Fitness(problem.fitness.objective, bounds=bounds), problem.genome.gaits(problem.scene.gait, genes)
-    found = judge(jax.random.key(0), level._replace(twin=None).judging(problem.duration, fitness), gaits)
+    found = judge(jax.random.key(0), problem.judging(level.options, scene=level.scene, fitness=fitness), gaits)
     return np.where(found.failed, np.inf, found.excess[:, 0])
 
 
@@ -254,8 +253,8 @@ def final_verdict(
         return verify(scene, gaits, problem.duration, options=SolverOptions(dt=step))
 
     def judged(step: float, number: int = 0, within: ActuatorBounds = problem.fitness.bounds) -> Scores:
-        of_some = problem._replace(fitness=replace(some, bounds=within))
-        judging = of_some.judging(SolverOptions(dt=step, dtype="float32"))
+        options = SolverOptions(dt=step, dtype="float32")
+        judging = problem.judging(options, fitness=replace(some, bounds=within))
         return judge(jax.random.key(seed + number), judging, gaits)
 
     on_progress(0, 4)
@@ -275,8 +274,7 @@ def final_verdict(
         on_progress(2, 4)
         other = contact_twin(scene)
         usual = SolverOptions(dt=default_step(other, default_method(other)), dtype="float32")
-        on_other = problem._replace(scene=other, fitness=some).judging(usual)
-        seen = judge(jax.random.key(seed), on_other, gaits)
+        seen = judge(jax.random.key(seed), problem.judging(usual, scene=other, fitness=some), gaits)
         on_progress(3, 4)
         beyond = judged(step, within=bounds).beyond if bounds.needs_metrics else robust.beyond
         verified = verifying.result()

@@ -174,8 +174,19 @@ def evolve(
         >>> found.last.genes.shape, found.rollouts
         ((4, 6), 8)
     """
-    config, genome, judging = config or GAConfig(), problem.genome, problem.judging(options)
-    state = state or begin(genome, config, seed, judging.dtype)
+    config, judging = config or GAConfig(), problem.judging(options)
+    state = state or begin(problem.genome, config, seed, judging.dtype)
+    return evolve_by(judging, problem.genome, config, state, on_generation)
+
+
+def evolve_by(
+    judging: Judging,
+    genome: Genome,
+    config: GAConfig,
+    state: EvolutionState,
+    on_generation: Callable[[EvolutionState], None] | None = None,
+) -> Evolution:
+    """`evolve` by any judging, from a state on."""
     while state.number < config.generations:
         state = _advance(state, judging, genome, config)
         if on_generation is not None:

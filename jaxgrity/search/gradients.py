@@ -147,7 +147,7 @@ def smoothed_gradients(
     scene, genome, *_ = task.problem
     perturbed = genome.bounded(genes[:, None] + task.width * jnp.concatenate([e, -e], axis=1))
     gaits = genome.gaits(scene.gait, np.asarray(perturbed).reshape(-1, size))
-    scores = judge(disturbed, task.judging.with_robots(robots)._replace(duration=horizon), gaits)
+    scores = judge(disturbed, task.judging.with_robots(robots, horizon), gaits)
     value, merit = (np.asarray(each).reshape(starts, samples) for each in (scores.fitness, scores.merit))
     return _estimates(value, merit, e, task.width)
 

@@ -147,9 +147,9 @@ class Judging(NamedTuple):
         """Precision of the models."""
         return self.models[0].options.dtype
 
-    def with_robots(self, robots: int) -> "Judging":
-        """The same with another number of robots."""
-        return self._replace(fitness=with_robots(self.fitness, robots))
+    def with_robots(self, robots: int, duration: float | None = None) -> "Judging":
+        """The same with another number of robots, and another duration (s) if one is given."""
+        return Judging(self.models, self.duration if duration is None else duration, with_robots(self.fitness, robots))
 
 
 @typed

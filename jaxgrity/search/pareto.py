@@ -113,7 +113,7 @@ def _judging_needs(problem: SearchProblem, config: GAConfig, against: str, optio
     if unit is None:
         raise InputError(f"bounds: none on the {against}; expected ActuatorBounds({against}=...), which sets the scale")
     bounds = ActuatorBounds(**{against: LEAST * unit})
-    return problem._replace(fitness=replace(problem.fitness, bounds=bounds)).judging(options)
+    return problem.judging(options, fitness=replace(problem.fitness, bounds=bounds))
 
 
 def _needs(scores: Scores, bound: float, least: float) -> Float[np.ndarray, " gaits"]:

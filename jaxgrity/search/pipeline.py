@@ -25,7 +25,6 @@ from jaxgrity.search.fidelity import (
     search_levels,
 )
 from jaxgrity.search.genetic_algorithm import Evolution, GAConfig
-from jaxgrity.search.judging import without_force_bounds
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish import Polished, kept_or_undone, polish
 from jaxgrity.search.problem import SearchProblem
@@ -150,14 +149,6 @@ class _Search:
     seconds: dict[Stage, float]
 
     @property
-    def without_force_bounds(self) -> SearchProblem:
-        """The problem without bounds on force and power, for stages after evolution: to measure them multiplies costs.
-
-        They are measured on one robot to choose a gait (`promote`, `kept_or_undone`), on many by `final_verdict`.
-        """
-        return self.problem._replace(fitness=without_force_bounds(self.problem.fitness))
-
-    @property
     def bounds(self) -> ActuatorBounds:
         """Bounds on the actuators."""
         return self.problem.fitness.bounds
@@ -221,7 +212,7 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
         if checkpoint is not None:
             checkpoint.save(number, state)
         done += 1
-        record, bounds = state.record, levels[number].counting(search.problem.fitness).bounds.words
+        record, bounds = state.record, levels[number].counted(search.problem).fitness.bounds.words
         within = {f"within {bounds}": int(record.within[-1])} if bounds else {}
         facts = {"level": levels[number].name, "best": float(record.best[-1]), "failed": int(record.failed[-1])}
         search.tell(Progress("evolving", done, total, facts | within))
@@ -241,7 +232,7 @@ def _promote(search: _Search, last: Evolution) -> Promoted:
     def heard(done: int, total: int, facts: dict[str, str]) -> None:
         search.tell(Progress("promoting", done, total, facts))
 
-    return promote(search.without_force_bounds, search.bounds, search.levels, last, search.config, heard)
+    return promote(search.problem.without_force_bounds, search.bounds, search.levels, last, search.config, heard)
 
 
 @_timed("polishing")
@@ -258,7 +249,7 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         search.tell(Progress("polishing", done, None, {"fitness": step.fitness}))
 
     genome, starts = genome_to_polish(search.problem, promoted.genes, config.polish)
-    problem = search.without_force_bounds._replace(genome=genome)
+    problem = search.problem.without_force_bounds._replace(genome=genome)
     found = polish(
         problem,
         starts,
@@ -287,7 +278,7 @@ def _verify(search: _Search, gait: Gait) -> Verdict:
     def heard(done: int, total: int) -> None:
         search.tell(Progress("verifying", done, total, {}))
 
-    problem, seed = search.without_force_bounds, search.config.seed + UNSEEN
+    problem, seed = search.problem.without_force_bounds, search.config.seed + UNSEEN
     found = with_gait(problem.scene, gait)
     # a stronger gait than the scene's own may need a smaller step
     step = min(2 * search.levels.verification.dt, default_step(found, default_method(found)))

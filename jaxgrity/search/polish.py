@@ -42,7 +42,6 @@ from jaxgrity.search.judging import (
     judge_until,
     standard_error,
     with_robots,
-    without_force_bounds,
 )
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
@@ -222,9 +221,9 @@ def _climb_all(
     on_step: Callable | None,
 ) -> tuple[Climb, int]:
     """The climb that ended best, and the cost of all climbs."""
-    scene, fitness = as_dtype(problem.scene, options.dtype), without_force_bounds(problem.fitness)
-    judging = problem.judging(options)
-    rolled, judging_climbs = problem._replace(scene=scene, fitness=fitness), judging._replace(fitness=fitness)
+    judging, plain = problem.judging(options), problem.without_force_bounds
+    fitness, judging_climbs = plain.fitness, plain.judging(options)
+    rolled = plain._replace(scene=as_dtype(problem.scene, options.dtype))
     task = ClimbTask(rolled, options, judging_climbs, np.asarray(config.width, options.dtype))
     duration = problem.duration
     costs = [cost_of_gradient(config, fitness, route.kind, route.horizon / duration) for route in routes]
@@ -233,8 +232,7 @@ def _climb_all(
     for number, alike in enumerate(_side_by_side(routes)):
         key = _key(seed, FOR_CLIMBS, number)
         if alike[0].kind == "orbit":
-            own = problem._replace(fitness=fitness)
-            climbs.append(climb_on_orbit(own, options, judging_climbs, config, (alike[0].genes, each), key, on_step))
+            climbs.append(climb_on_orbit(plain, options, judging_climbs, config, (alike[0].genes, each), key, on_step))
         else:
             climbs += climb(task, config, alike, each, key, on_step)
     spent = sum(done.cost for done in climbs) + comparison

@@ -143,5 +143,5 @@ def _multiplier(scene: Scene, dt: float) -> float:
 def _finals(problem: SearchProblem, level: FidelityLevel, genes: Genes, seed: int) -> Scores:
     """The finalists' scores by `FINALIST_ROBOTS` times as many robots as in a generation, where robots differ."""
     few = problem.fitness.robots
-    judging = level.judging(problem.duration, problem.fitness).with_robots(few * FINALIST_ROBOTS if few > 1 else 1)
+    judging = level.judging(problem).with_robots(few * FINALIST_ROBOTS if few > 1 else 1)
     return judge(jax.random.key(seed + 3), judging, problem.genome.gaits(problem.scene.gait, genes))

@@ -21,7 +21,7 @@ from jaxgrity.core.types import AnyArray, PerGait
 from jaxgrity.model.actuation import peak_rates
 from jaxgrity.populations.population import Outcomes
 from jaxgrity.search.genome import Genes
-from jaxgrity.search.judging import ensembles_rolled_out, masses_and_lengths, without_force_bounds
+from jaxgrity.search.judging import ensembles_rolled_out, masses_and_lengths
 from jaxgrity.search.models import RolloutModel, model_of
 from jaxgrity.search.paths import parts_of, path_bend, path_size
 from jaxgrity.search.problem import SearchProblem
@@ -176,7 +176,7 @@ def _varied(
 
 def _tried(key, problem: SearchProblem, model: RolloutModel, genes: Genes) -> _Tried:
     """What each gait does on its ensemble; NaN where a robot fails, or its rate is beyond the bound."""
-    scene, fitness = model.scene, without_force_bounds(problem.fitness)
+    scene, fitness = model.scene, problem.without_force_bounds.fitness
     gaits = problem.genome.gaits(problem.scene.gait, np.asarray(genes, model.options.dtype))
     parts, duration = parts_of(scene, gaits, problem.duration)
     robots, differences, outcomes = ensembles_rolled_out(key, model, gaits, duration, fitness, parts, False)
