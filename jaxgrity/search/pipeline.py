@@ -26,7 +26,8 @@ from jaxgrity.search.fidelity import (
 )
 from jaxgrity.search.genetic_algorithm import Evolution, GAConfig
 from jaxgrity.search.objectives import ActuatorBounds
-from jaxgrity.search.polish import Polished, kept_or_undone, polish
+from jaxgrity.search.polish import Polished, polish
+from jaxgrity.search.polish_kept import kept_or_undone
 from jaxgrity.search.problem import SearchProblem
 from jaxgrity.search.promotion import Promoted, promote
 from jaxgrity.search.search_config import SearchConfig, ga_configs, plain_config, search_problem
@@ -249,9 +250,9 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         search.tell(Progress("polishing", done, None, {"fitness": step.fitness}))
 
     genome, starts = genome_to_polish(search.problem, promoted.genes, config.polish)
-    problem = search.problem.without_force_bounds._replace(genome=genome)
+    problem = search.problem._replace(genome=genome)
     found = polish(
-        problem,
+        problem.without_force_bounds,
         starts,
         config.polish,
         options=levels.rough_own.options,
@@ -259,7 +260,7 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         seed=config.seed,
         on_step=heard,
     )
-    return kept_or_undone(problem, search.bounds, levels, promoted, starts[0], found)
+    return kept_or_undone(problem, levels, promoted, starts[0], found, config.polish, config.seed)
 
 
 def _best(search: _Search, promoted: Promoted, polished: Polished | None) -> Gait:

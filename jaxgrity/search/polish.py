@@ -30,7 +30,6 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.search.climb import Climb, ClimbStep, OneGait, Route, Routes, climb, routes_from
-from jaxgrity.search.fidelity import FidelityLevels, excess_at
 from jaxgrity.search.genome import Genome
 from jaxgrity.search.gradients import ClimbTask
 from jaxgrity.search.judging import (
@@ -43,15 +42,13 @@ from jaxgrity.search.judging import (
     standard_error,
     with_robots,
 )
-from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish_config import PolishConfig, budget, check_polish, cost_of_gradient
 from jaxgrity.search.polish_orbit import climb_on_orbit
 from jaxgrity.search.problem import SearchProblem
-from jaxgrity.search.promotion import Promoted, multiplier_words, multipliers_of, orbit_words
 from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, resolve
 from jaxgrity.trust.sensitivity import Sensitivity
 
-FOR_CLIMBS, FOR_COMPARISON, FOR_THE_END = range(3)
+FOR_CLIMBS, FOR_COMPARISON, FOR_THE_END, FOR_A_PART = range(4)
 """Purposes of random numbers. In one polish, no draw serves two of them."""
 CLEAR = 3.0
 """Difference between two gaits, in standard errors, at which the better one is clear."""
@@ -125,12 +122,12 @@ def polish(
     config, genes = config or PolishConfig(), np.atleast_2d(np.asarray(genes, float))
     check_each("genes", genes, shape=(max(1, len(genes)), problem.genome.size))
     check_polish(config, problem.fitness, len(genes))
-    resolved, final = _options_of_stages(problem, options, final_options)
+    resolved, final = options_of_stages(problem, options, final_options)
     found = routes_from(problem, genes, resolved, config)
     best, spent = Climb(genes[0], (), 0), 0
     if found.routes:
         best, spent = _climb_all(problem, resolved, config, found.routes, seed, on_step)
-    before, after = _before_and_after(problem, genes[0], best.end, final, config, seed)
+    before, after = before_and_after(problem, genes[0], best.end, final, config, purpose_key(seed, FOR_THE_END))
     improved = bool(after.merit[0] > before.merit[0])
     return Polished(
         genes=best.end if improved else genes[0],
@@ -146,35 +143,7 @@ def polish(
     )
 
 
-def kept_or_undone(
-    problem: SearchProblem,
-    bounds: ActuatorBounds,
-    levels: FidelityLevels,
-    promoted: Promoted,
-    start: np.ndarray,
-    polished: Polished,
-) -> Polished:
-    """The polished gait; or its start, where polishing exceeds bounds by more, or left the start's attracting orbit.
-
-    `start` are the genes of the best promoted gait, in the polished genome.
-    """
-    if not polished.improved:
-        return polished
-    pair, before, but = np.stack([start, polished.genes]), promoted.multipliers, ""
-    least, excess = excess_at(levels.own, pair, problem, bounds)
-    if excess > least:
-        but = f"it is {'further ' if least else ''}beyond a bound on actuators"
-    elif before is not None and before[0] < 1:
-        after = multipliers_of(problem, pair[1:], 2 * levels.verification.dt)
-        if after is not None and after[0] >= 1:
-            but = f"it settles on {orbit_words(after[0])}, the start on one with {multiplier_words(before[0])}"
-    if not but:
-        return polished
-    reason = f"{polished.reason.removesuffix(f': {KEPT}')}; but {but}: {AS_IT_WAS}"
-    return polished._replace(genes=start, improved=False, reason=reason)
-
-
-def _options_of_stages(
+def options_of_stages(
     problem: SearchProblem, options: Options, final_options: Options
 ) -> tuple[ResolvedOptions, ResolvedOptions]:
     """Solver options of the climbs and of the final comparison."""
@@ -190,11 +159,11 @@ def _options_of_stages(
 
 def _told(found: Routes, best: Climb, before: Scores, after: Scores, caution: float) -> list[str]:
     """Text of `Polished.reason`."""
-    done = [f"{len(best.steps)} steps", _gain(before, after, caution)] if best.steps else []
+    done = [f"{len(best.steps)} steps", gain_words(before, after, caution)] if best.steps else []
     return [*found.remarks, *([best.remark] if best.remark else []), *done]
 
 
-def _gain(before: Scores, after: Scores, caution: float) -> str:
+def gain_words(before: Scores, after: Scores, caution: float) -> str:
     """The gain in words, with two standard errors."""
     outcome = KEPT if after.merit[0] > before.merit[0] else AS_IT_WAS
     for name, scores in (("start", before), ("end", after)):
@@ -230,7 +199,7 @@ def _climb_all(
     each, comparison = budget(config, fitness, costs)
     climbs = []
     for number, alike in enumerate(_side_by_side(routes)):
-        key = _key(seed, FOR_CLIMBS, number)
+        key = purpose_key(seed, FOR_CLIMBS, number)
         if alike[0].kind == "orbit":
             climbs.append(climb_on_orbit(plain, options, judging_climbs, config, (alike[0].genes, each), key, on_step))
         else:
@@ -239,7 +208,7 @@ def _climb_all(
     if len(routes) == 1:
         return climbs[0], spent
     ends = np.stack([done.end for done in climbs])
-    key = _key(seed, FOR_COMPARISON)
+    key = purpose_key(seed, FOR_COMPARISON)
     scores = _judge_genes(key, problem, ends, judging.with_robots(config.comparison_robots))
     return climbs[int(np.argmax(scores.merit))], spent
 
@@ -250,15 +219,15 @@ def _side_by_side(routes: list[Route]) -> list[list[Route]]:
     return [group for group in (smoothed, *([route] for route in routes if route.kind != "smoothed")) if group]
 
 
-def _before_and_after(
-    problem: SearchProblem, start: OneGait, end: OneGait, options: ResolvedOptions, config: PolishConfig, seed: int
+def before_and_after(
+    problem: SearchProblem, start: OneGait, end: OneGait, options: ResolvedOptions, config: PolishConfig, key
 ) -> list[Scores]:
     """Scores of the best start and the best end, by the same ensemble."""
     pair = np.stack([start, end])
     judging = problem.judging(options).with_robots(min(config.final_robots, ROBOTS_PER_ROUND))
 
     def judged(number: int) -> Scores:
-        return _judge_genes(_key(seed, FOR_THE_END, number), problem, pair, judging)
+        return _judge_genes(jax.random.fold_in(key, number), problem, pair, judging)
 
     def clear(each: np.ndarray) -> bool:
         gain = np.subtract(*influences(each, problem.fitness.caution)[::-1])
@@ -275,7 +244,7 @@ def _judge_genes(key, problem: SearchProblem, genes, judging: Judging) -> Scores
     return judge(key, judging, problem.genome.gaits(problem.scene.gait, np.asarray(genes, judging.dtype)))
 
 
-def _key(seed: int, *purpose: int):
+def purpose_key(seed: int, *purpose: int):
     key = jax.random.key(seed)
     for number in purpose:
         key = jax.random.fold_in(key, number)

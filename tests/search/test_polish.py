@@ -1,5 +1,6 @@
 """Polish: improvements are kept only when they verify, and gradients are refused where they mean nothing."""
 
+import re
 from typing import NamedTuple
 
 import equinox as eqx
@@ -26,7 +27,8 @@ from jaxgrity.model.actuation import actuated_lengths, peak_rates
 from jaxgrity.search import FidelityLevel, FidelityLevels, Promoted, check_polish
 from jaxgrity.search.gradients import smoothed_gradients
 from jaxgrity.search.judging import scored
-from jaxgrity.search.polish import KEPT, Polished, kept_or_undone
+from jaxgrity.search.polish import KEPT, Polished
+from jaxgrity.search.polish_kept import kept_or_undone
 
 OPTIONS = SolverOptions(dt=1e-2)
 ROBUST = Fitness(uncertainty=Uncertainty(phase=0.03), robots=4)
@@ -214,12 +216,12 @@ def test_genes_of_another_genome_are_refused(swimmer, rows):
 )
 def test_a_polished_gait_whose_orbit_repels_is_not_kept(swimmer, monkeypatch, multiplier, said):
     """The reason says so once, with digits that tell the multipliers from 1, and how long an orbit was looked for."""
-    monkeypatch.setattr("jaxgrity.search.polish.multipliers_of", lambda *_: np.array([multiplier]))
+    monkeypatch.setattr("jaxgrity.search.polish_kept.multipliers_of", lambda *_: np.array([multiplier]))
     problem, level = SearchProblem(swimmer, Genome(2), 4.0, Fitness()), FidelityLevel("", swimmer, 1e-2, "float64")
     start, worth = np.zeros(2), scored(np.zeros((1, 1)), 0.0)
-    promoted = Promoted(start[None], worth, np.array([0.9974]), False, None)
+    promoted = Promoted(start[None], worth, np.array([0.9974]), None)
     better = Polished(start + 0.5, problem.genome, True, worth, worth, (), 4.0, None, 8, f"up by 0.1: {KEPT}")
-    found = kept_or_undone(problem, ActuatorBounds(), FidelityLevels(*(level,) * 4), promoted, start, better)
+    found = kept_or_undone(problem, FidelityLevels(*(level,) * 4), promoted, start, better, SMALL)
     np.testing.assert_array_equal(found.genes, start)
     assert found.reason == f"up by 0.1; but it settles on {said}: the gait is kept as it was"
 
@@ -227,22 +229,41 @@ def test_a_polished_gait_whose_orbit_repels_is_not_kept(swimmer, monkeypatch, mu
 @pytest.mark.parametrize(
     ("excess", "said"),
     [
-        ([0.0, 0.1], "it is beyond a bound on actuators"),
-        ([0.1, 0.2], "it is further beyond a bound on actuators"),
-        ([0.2, 0.1], None),
+        ([0.0, *[0.1] * 4], "it is beyond a bound on actuators"),
+        ([0.1, *[0.2] * 4], "it is further beyond a bound on actuators"),
+        ([0.2, 0.1, *[0.3] * 3], None),
     ],
 )
 def test_polish_leads_no_further_beyond_a_bound(swimmer, monkeypatch, excess, said):
     """From a start within it, or beyond it; what is nearer to it is kept."""
-    monkeypatch.setattr("jaxgrity.search.polish.excess_at", lambda *_: np.array(excess))
+    monkeypatch.setattr("jaxgrity.search.polish_kept.excess_at", lambda *_: np.array(excess))
     problem, level = SearchProblem(swimmer, Genome(2), 4.0, Fitness()), FidelityLevel("", swimmer, 1e-2, "float64")
     start, worth = np.zeros(2), scored(np.zeros((1, 1)), 0.0)
-    promoted = Promoted(start[None], worth, None, excess[0] == 0, None)
+    promoted = Promoted(start[None], worth, None, None)
     better = Polished(start + 0.5, problem.genome, True, worth, worth, (), 4.0, None, 8, f"up by 0.1: {KEPT}")
-    found = kept_or_undone(problem, ActuatorBounds(force=1.0), FidelityLevels(*(level,) * 4), promoted, start, better)
+    found = kept_or_undone(problem, FidelityLevels(*(level,) * 4), promoted, start, better, SMALL)
     assert found.improved is (said is None)
     if said:
         assert found.reason == f"up by 0.1; but {said}: the gait is kept as it was"
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["better", "worse"])
+def test_half_of_the_way_is_kept_where_more_is_beyond_a_bound(swimmer, monkeypatch, turned):
+    """If an ensemble finds it better than the start; angles go the shorter way round."""
+    ends = np.array([0.1, 0.35]), np.array([0.9, 0.55])
+    start, end = ends[::-1] if turned else ends
+    monkeypatch.setattr("jaxgrity.search.polish_kept.excess_at", lambda *_: np.array([0.0, 0.1, 0.1, 0.0, 0.0]))
+    problem, level = SearchProblem(swimmer, Genome(2), 4.0, ROBUST), FidelityLevel("", swimmer, 1e-2, "float64")
+    worth, levels = scored(np.zeros((1, 1)), 0.0), FidelityLevels(*(level,) * 4)
+    promoted = Promoted(start[None], worth, None, None)
+    better = Polished(end, problem.genome, True, worth, worth, (), 4.0, None, 8, f"up by 0.1: {KEPT}")
+    found = kept_or_undone(problem, levels, promoted, start, better, SMALL)
+    assert found.improved is not turned
+    np.testing.assert_allclose(found.genes, start if turned else [0.0, 0.45], atol=1e-12)
+    way = "down" if turned else "up"
+    assert re.match(
+        rf"up by 0.1; but it is beyond a bound on actuators; 50 % of the way: fitness {way} by ", found.reason
+    )
 
 
 class Rolling(NamedTuple):
