@@ -405,7 +405,7 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
     for ground in ("slope", "bumps"):
         name = f"goals_{ground}"
         facts = quick("goals", tmp_path / name, "--ground", ground)
-        assert " of 1 |" in words("goals", facts)
+        assert " of 1 trials" in words("goals", facts)
     facts = quick("environments", tmp_path / "environments")
     assert facts["rows"][0]["repeated"]
     assert "| heading | 800 | " in words("environments", facts)

@@ -16,6 +16,7 @@ from jaxgrity import (
     Structure,
     Trajectory,
     gait_names,
+    gait_record,
     load_gait,
     load_scene,
     simulate,
@@ -341,6 +342,8 @@ def test_motions_have_their_names(name, path, supports, airborne):
         assert name_of_motion(turned[::-1], supports[::-1], airborne) == name
 
 
+SOFTER = ("gentle", "thrifty")
+"""for a softer robot"""
 HOPPING_GAITS = ("cables", "fast", "gentle", "uphill")
 """of the library"""
 
@@ -350,7 +353,7 @@ HOPPING_GAITS = ("cables", "fast", "gentle", "uphill")
 def test_the_gaits_of_the_library_have_their_names(scene_name):
     """Those that were found as rolling ones roll, straight on and in circles, however long one looks."""
     for gait in gait_names():
-        scene = load_scene("softer" if gait == "gentle" else scene_name)
+        scene = load_scene(gait_record(gait)["scene"] if gait in SOFTER else scene_name)
         there = with_gait(scene, load_gait(gait))
         named = {rolling(there, simulate(there, duration)).kind for duration in (8.0, 20.0)}
         assert named == {"hops" if gait in HOPPING_GAITS else "rolls"}, gait
