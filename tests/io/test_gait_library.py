@@ -64,7 +64,7 @@ PERIODS = {
     "brisk": (2, 2),
     "fast": (1, 1),
     "gentle": (1, 1),
-    "thrifty": (2, 2),
+    "thrifty": (4, 4),
     "cables": (1, 1),
     "left": (2, 2),
     "right": (2, 2),
