@@ -2,6 +2,7 @@
 
 import io
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +88,7 @@ def load_trajectory(path: str | Path) -> Trajectory:
         numbers = {name: saved[name] for name in ("times", "positions", "velocities")}
         numbers |= {name: jnp.asarray(saved[name]) for name in ("failure", "steps", "rejected")}
         method, dt = str(saved["method"]), float(saved["dt"])
-    except (OSError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as error:
         raise InputError(f"{path}: no motion that save_trajectory wrote as .npz ({error})") from error
     scene = parse_scene(str(saved["scene"]), str(path)) if "scene" in saved else None
     commands = None

@@ -6,6 +6,7 @@ import hashlib
 import inspect
 import json
 import re
+import zlib
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -145,7 +146,7 @@ def load_states(folder: Path) -> tuple[EvolutionState, ...]:
         try:
             with np.load(path) as file:
                 saved = dict(file)
-        except (ValueError, EOFError, BadZipFile) as error:
+        except (ValueError, EOFError, BadZipFile, zlib.error) as error:
             raise InputError(f"{path}: damaged: {error}; expected a run of this version, or restart") from error
         if missing := [name for name in Record._fields if f"record_{name}" not in saved]:
             raise InputError(f"{path}: has no record_{missing[0]}; expected a run of this version, or restart")

@@ -23,6 +23,7 @@ from jaxgrity.formats import (
     save_trajectory,
     write_any,
 )
+from jaxgrity.io.files import save_arrays
 from jaxgrity.io.scene_writing import scene_toml
 from jaxgrity.model import LoadCase
 
@@ -264,6 +265,17 @@ def test_an_array_alone_is_no_motion(tmp_path):
     np.save(tmp_path / "array.npy", np.zeros((3, 3)))
     with pytest.raises(InputError, match=r"array.npy: no motion that save_trajectory wrote as .npz"):
         load_trajectory(tmp_path / "array.npy")
+
+
+def test_a_motion_whose_numbers_are_overwritten_is_refused(tmp_path):
+    """Not only a file that ends too soon: what was compressed cannot be read any more."""
+    path = tmp_path / "motion.npz"
+    save_arrays(path, times=np.random.default_rng(0).random(100))
+    whole = path.read_bytes()
+    first = whole.index(b"times.npy") + len("times.npy") + 20  # beyond the header of a large file
+    path.write_bytes(whole[:first] + b"\xff" * 8 + whole[first + 8 :])
+    with pytest.raises(InputError, match=r"motion.npz: no motion that .* \(Error -3 while decompressing"):
+        load_trajectory(path)
 
 
 def test_every_kind_of_file_by_its_ending(tmp_path):

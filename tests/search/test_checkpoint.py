@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import GAConfig, Genome, InputError
+from jaxgrity.io.files import save_arrays
 from jaxgrity.model.height_fields import HeightFunction
 from jaxgrity.search import load_states, open_checkpoint
 from jaxgrity.search.checkpoint import fingerprint, holds_unfinished, left_over
@@ -185,6 +186,23 @@ def test_a_damaged_state_is_refused(tmp_path, content):
             pass
     with open_checkpoint(tmp_path, SETTINGS, restart=True) as checkpoint:
         assert checkpoint.states == ()
+
+
+def test_a_state_whose_numbers_are_overwritten_is_refused(tmp_path):
+    """Not only a file that ends too soon: what was compressed cannot be read any more."""
+    path = tmp_path / "state_0.npz"
+    with open_checkpoint(tmp_path, SETTINGS):
+        save_arrays(path, genes=np.random.default_rng(0).random((128, 6)))
+        whole = path.read_bytes()
+        first = whole.index(b"genes.npy") + len("genes.npy") + 20  # beyond the header of a large file
+        path.write_bytes(whole[:first] + b"\xff" * 8 + whole[first + 8 :])
+    with (
+        pytest.raises(
+            InputError, match=r"state_0\.npz: damaged: Error -3 .*; expected a run of this version, or restart$"
+        ),
+        open_checkpoint(tmp_path, SETTINGS, resume=True),
+    ):
+        pass
 
 
 def test_settings_of_something_else_are_refused(tmp_path):
