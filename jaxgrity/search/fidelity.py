@@ -160,7 +160,7 @@ def evolve_through(
         if found and number >= len(states):
             state = state._replace(genes=found[-1].last.genes[: config.population])
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)
-        found.append(evolve_by(level.judging(problem), problem.genome, config, state, told))
+        found.append(evolve_by(level._replace(twin=None).judging(problem), problem.genome, config, state, told))
     return found
 
 

@@ -216,6 +216,15 @@ def test_a_search_hands_its_population_on(two_searches):
     assert not np.array_equal(second.last.genes, first.last.genes)
 
 
+def test_a_search_evolves_on_the_own_model_alone(two_levels):
+    """A level's contact twin judges in comparisons, not in every generation."""
+    (level, _), problem = two_levels
+    thick = dataclasses.replace(level.scene, node_damping=3 * level.scene.node_damping)
+    configs = (GAConfig(population=8, generations=1, elites=1),)
+    own, both = (evolve_through((each,), problem, configs) for each in (level, level._replace(twin=thick)))
+    assert_same(both, own)
+
+
 def test_searches_go_on_from_where_they_were(two_searches):
     """From any state of either search to the same end of both, and only what is new is reported."""
     whole, seen = two_searches()
