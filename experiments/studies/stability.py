@@ -106,19 +106,19 @@ def at_rest(scene: Scene) -> State:
     return q, 0 * q
 
 
-def measure(scene: Scene, state: State, method: Method, predicted: float) -> float:
+def measure(scene: Scene, state: State, method: Method, predicted: float, factors: np.ndarray = FACTORS) -> float:
     """The smallest step, s, at which a small motion grows; infinite where none of those tried does.
 
-    Those are `FACTORS` times the prediction, in ascending order.
+    Those are `factors` times the prediction, in ascending order.
     """
     small = SMALL_CONSTRAINED if scene.constrained else SMALL
     draw = np.random.default_rng(0).normal(size=state[0].shape) * small
     if scene.ground is not None and scene.ground.impulsive:
         draw = draw * (state[0] @ np.array(scene.ground.normal) > 1e-6)[:, None]
     options = resolve(scene, 1.0, SolverOptions(method.name, predicted, "float64", any_step=True)).as_inputs()
-    largest = np.asarray(spread(as_dtype(scene, "float64"), state, draw, predicted * FACTORS, options))
+    largest = np.asarray(spread(as_dtype(scene, "float64"), state, draw, predicted * factors, options))
     grown = ~(largest < 1e3 * small)
-    return float(predicted * FACTORS[np.argmax(grown)]) if grown.any() else np.inf
+    return float(predicted * factors[np.argmax(grown)]) if grown.any() else np.inf
 
 
 @eqx.filter_jit

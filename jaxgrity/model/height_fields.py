@@ -81,6 +81,9 @@ def bumps(deviation: float, length: float, seed: int, waves: int = 8) -> Waves:
         seed: seed of the random number generator; another seed is another ground.
         waves: number of waves; each costs a sine for each node in each evaluation.
 
+    Returns:
+        The surface.
+
     Raises:
         InputError: a size that is not positive, or a count or a seed that is no whole number.
 
@@ -142,6 +145,9 @@ def height_map(heights, size: tuple[float, float], centre: tuple[float, float] =
         heights: (rows, columns), m, at least 4 of each; rows along x, columns along y.
         size: m, along x from the first row to the last, along y from the first column to the last.
         centre: m, x and y of the middle of the grid.
+
+    Returns:
+        The surface.
 
     Raises:
         InputError: where heights are no table, or too few, one is not finite, or a size not positive.

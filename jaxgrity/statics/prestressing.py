@@ -29,6 +29,9 @@ def prestressed(structure: Structure, tension: float, force_density: PerMember |
         tension: of the tightest cable, N.
         force_density: the self-stress, N/m, struts first; it is scaled. None: the one with the most even cables.
 
+    Returns:
+        The structure with its new rest lengths.
+
     Raises:
         InputError: no self-stress has every cable in tension, forces that do not balance, a tension that is not
             positive, or a rest length that would not be.

@@ -100,6 +100,9 @@ def least_mass(
         hollow: inner over outer diameter of the struts' sections; 0: solid bars.
         buckling: whether struts are safe against Euler's load.
 
+    Returns:
+        Areas, mass and forces.
+
     Raises:
         InputError: no load cases, materials without density or yield stress, or loads that no forces balance.
 

@@ -319,9 +319,8 @@ def test_bad_input_is_one_line(jaxgrity, tmp_path, monkeypatch, arguments, words
     Path("short.csv").write_text("0,1,2,3,4,5\n0,1,2,3,4\n")
     Path("stiff.toml").write_text(scene_text("reference").replace("stiffness = 2e4", "stiffness = -1.0"))
     Path("still.toml").write_text(scene_text("reference").split("[gait]")[0])
-    needed = (
-        "distance error_bar robust other_contact_model steady actuators searches settings within_bounds beyond_bounds"
-    )
+    needed = "distance error_bar robust other_contact_model steady actuators searches settings unit "
+    needed += "within_bounds beyond_bounds"
     numbers = json.dumps(dict.fromkeys(needed.split(), 1.0))
     for name, text in (("broken", "{"), ("other", '{"distance": 1.0}'), ("numbers", numbers)):
         Path(name).mkdir()

@@ -7,7 +7,7 @@ from jaxgrity import ActuatorBounds
 from jaxgrity.core.display import COVERING, mean_of_robots, with_error
 from jaxgrity.populations.metrics import Metrics
 from jaxgrity.search.judging import influences, scored, standard_error
-from jaxgrity.search.polish import _gain
+from jaxgrity.search.polish import gain_words
 
 REDRAWS = 1500
 
@@ -83,7 +83,7 @@ def test_the_gain_is_said_with_two_of_its_errors(redrawn):
     before, after = (scored(each[k : k + 1], 1.0) for k in (0, 1))
     gain = float(after.fitness[0] - before.fitness[0])
     error = 2 * standard_error(np.subtract(*influences(each, 1.0)[::-1]))
-    assert _gain(before, after, 1.0).startswith(
+    assert gain_words(before, after, 1.0).startswith(
         f"fitness {'up' if gain > 0 else 'down'} by {abs(gain):.3f} ± {error:.2g}"
     )
 
@@ -110,13 +110,13 @@ def test_any_fitness_counts_as_it_is():
 def test_the_gain_says_that_a_robot_failed(redrawn):
     each = redrawn[0]
     lost = np.where(np.arange(each.shape[1]) == 3, np.nan, each[:1])
-    told = _gain(scored(lost, 1.0), scored(each[1:], 1.0), 1.0)
+    told = gain_words(scored(lost, 1.0), scored(each[1:], 1.0), 1.0)
     assert told == "a robot failed with the start's gait: the polished gait is kept"
 
 
 def test_a_polish_that_changes_nothing_goes_neither_up_nor_down(redrawn):
     same = scored(redrawn[0][:1], 1.0)
-    assert _gain(same, same, 1.0) == "fitness unchanged: the gait is kept as it was"
+    assert gain_words(same, same, 1.0) == "fitness unchanged: the gait is kept as it was"
 
 
 def test_excess_is_the_share_beyond_each_bound():
@@ -138,7 +138,7 @@ def test_the_gain_says_who_is_beyond_a_bound(redrawn):
     before = scored(each[:1], 0.0)
     over = np.zeros((1, each.shape[1]))
     over[0, ::4] = 0.1
-    told = _gain(before, scored(each[:1] + 1, 0.0, over), 0.0)
+    told = gain_words(before, scored(each[:1] + 1, 0.0, over), 0.0)
     assert told.startswith("fitness up by 1.000")
     assert told.endswith("robots; 25 % of them beyond a bound on actuators: the gait is kept as it was")
 
