@@ -78,7 +78,9 @@ def load_summary(folder: Path) -> dict[str, Any]:
     parts = [name for name in ("robust", "other_contact_model", "steady", "actuators") if summary[name] is not None]
     try:
         found = _numbers(summary, "distance", "error_bar") | {name: _numbers(summary[name]) for name in parts}
-        flat(found["settings"]), [column(found) for column in COLUMNS.values()]
+        flat(found["settings"])  # what main will ask of it, tried here, so that the error names the file
+        for column in COLUMNS.values():
+            column(found)
     except (KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: not what a gait search leaves in summary.json: {error!r}") from error
     return found

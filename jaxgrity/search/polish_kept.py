@@ -31,11 +31,19 @@ def kept_or_undone(
     config: PolishConfig,
     seed: int = 0,
 ) -> Polished:
-    """The polished gait; or its start, where polishing left the start's attracting orbit.
+    """The polished gait; or its start, if polishing left the start's attracting orbit.
 
-    Where it exceeds bounds by more than its start, the longest of `PARTS` of the way to it does not: this gait is kept
-    if an ensemble finds it better. `start` are the genes of the best promoted gait, in the genome of the
-    problem, which is the polished one.
+    If the polished gait exceeds bounds by more than its start, the search goes back to the longest of `PARTS` of the
+    way that does not, and keeps this gait if an ensemble finds it better.
+
+    Args:
+        problem: with all bounds, and the genome of the polished gait.
+        levels: on the own model of which bounds are measured.
+        promoted: gaits from which polishing began.
+        start: genes of the best of them, in the polished genome.
+        polished: result of polishing.
+        config: settings of the ensemble.
+        seed: of its draws.
     """
     if not polished.improved:
         return polished
