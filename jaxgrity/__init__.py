@@ -38,16 +38,19 @@ def __getattr__(name: str):
     if name in REPLACED:
         raise AttributeError(f"{__name__}.{name}: expected {__name__}.{REPLACED[name]}")
     now = RENAMED.get(name, name)
-    rooms = {each: room for room in SUB_PACKAGES for each in import_module(f"{__name__}.{room}").__all__}
+    rooms = {
+        each: f"{__name__}.{room}" for room in SUB_PACKAGES for each in import_module(f"{__name__}.{room}").__all__
+    }
+    rooms |= dict.fromkeys(__all__, __name__)
     if now not in rooms:
         raise AttributeError(f"{__name__}.{name}: {unknown(name, [*_names, *rooms])}")
-    place = f"{__name__}.{rooms[now]}.{now}"
+    place = f"{rooms[now]}.{now}"
     if name not in MOVED and name not in RENAMED:
         raise AttributeError(f"{__name__}.{name}: expected {place}")
     moved = f"{__name__}.{name} is {place} now; the short name goes with the next release"
     warnings.warn(moved, DeprecationWarning, stacklevel=2)
     # kept, so that `from jaxgrity import name`, which asks twice, warns once
-    globals()[name] = getattr(import_module(f"{__name__}.{rooms[now]}"), now)
+    globals()[name] = getattr(import_module(rooms[now]), now)
     return globals()[name]
 
 

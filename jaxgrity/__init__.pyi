@@ -25,7 +25,7 @@ from .model.external import Push, Wind, wind
 from .model.force_laws import ForceLimit, ForceTable, force_limit, force_table
 from .model.friction import ConeFriction, SmoothFriction, SwitchFriction
 from .model.ground import ExactGround, PenaltyGround
-from .model.height_fields import HeightFunction, HeightMap, Waves, bumps, height_map
+from .model.height_fields import HeightFunction, HeightMap, HeightWaves, bumps, height_map
 from .model.laws import (
     Configuration,
     Constraint,
@@ -119,6 +119,7 @@ __all__ = [  # noqa: RUF022 in groups
     "ExactGround",
     "HeightFunction",
     "HeightMap",
+    "HeightWaves",
     "PenaltyGround",
     "Slope",
     "SmoothFriction",
@@ -126,7 +127,6 @@ __all__ = [  # noqa: RUF022 in groups
     "Stairs",
     "SwitchFriction",
     "Union",
-    "Waves",
     "bumps",
     "height_map",
     # forces from outside, and members that are no springs

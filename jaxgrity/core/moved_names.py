@@ -35,9 +35,10 @@ RENAMED = {
     "Motors": "MotorLimits",
     "SearchState": "EvolutionState",
     "Wave": "TravellingWave",
+    "Waves": "HeightWaves",
     "without_measuring": "without_force_bounds",
 }
-"""Names that stand in a sub-package now, by another name."""
+"""Names that are others now, in a sub-package or at the top."""
 REPLACED = {
     "Foresight": "control.Sampling",
     "Travels": "control.Journey",

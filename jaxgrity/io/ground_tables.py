@@ -9,7 +9,7 @@ from msgspec import Meta
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_picture
 from jaxgrity.io.table_types import NotNegative, Positive, Seed, Table
-from jaxgrity.model.height_fields import HeightMap, Waves, bumps, height_map
+from jaxgrity.model.height_fields import HeightMap, HeightWaves, bumps, height_map
 from jaxgrity.model.solids import Box, Cylinder, Sphere, Stairs
 from jaxgrity.model.surface import Surface
 
@@ -87,7 +87,9 @@ class WavesTable(Table, tag="waves", tag_field="kind"):
     phase: list[float]
 
     def surface(self, folder: Path) -> Surface:
-        return Waves(*(np.array(part, float) for part in (self.amplitude, self.length, self.direction, self.phase)))
+        return HeightWaves(
+            *(np.array(part, float) for part in (self.amplitude, self.length, self.direction, self.phase))
+        )
 
 
 class SplineTable(Table, tag="spline", tag_field="kind"):

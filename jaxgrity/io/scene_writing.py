@@ -51,7 +51,7 @@ from jaxgrity.model.external import Push, Wind
 from jaxgrity.model.force_laws import ForceLimit, ForceTable
 from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround
-from jaxgrity.model.height_fields import HeightMap, Waves
+from jaxgrity.model.height_fields import HeightMap, HeightWaves
 from jaxgrity.model.rod_contact import ALONG_STRUTS, laws_along, radii_along_struts
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking, SupportMotion
@@ -197,7 +197,7 @@ def _surface(surface: Surface) -> SurfaceTable:
         return StairsTable(**_numbers(surface), steps=surface.steps)
     if type(surface) is Sphere and surface.hollow and list(surface.centre) == [0.0, 0.0, float(surface.radius)]:
         return BowlTable(float(surface.radius))
-    for kind, table in ((Waves, WavesTable), (HeightMap, SplineTable)):
+    for kind, table in ((HeightWaves, WavesTable), (HeightMap, SplineTable)):
         if type(surface) is kind:
             return table(**_numbers(surface))
     raise _no_key("ground.surface", surface)

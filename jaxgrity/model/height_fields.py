@@ -46,7 +46,7 @@ class HeightFunction(HeightField):
         return h + 0 * (x - jax.lax.stop_gradient(x)) * jax.lax.stop_gradient(h)
 
 
-class Waves(HeightField):
+class HeightWaves(HeightField):
     """f = z - sum a_k sin(2 pi (x cos(d_k) + y sin(d_k))/l_k + p_k)."""
 
     amplitude: AnyArray = eqx.field(converter=as_float)
@@ -72,7 +72,7 @@ class Waves(HeightField):
         return found
 
 
-def bumps(deviation: float, length: float, seed: int, waves: int = 8) -> Waves:
+def bumps(deviation: float, length: float, seed: int, waves: int = 8) -> HeightWaves:
     """Random bumps: a sum of waves of equal heights, with random directions, phases and lengths.
 
     Args:
@@ -97,7 +97,7 @@ def bumps(deviation: float, length: float, seed: int, waves: int = 8) -> Waves:
     check_count("bumps.waves", waves, 1)
     check_index("bumps.seed", seed)
     draw = np.random.default_rng(seed)
-    return Waves(
+    return HeightWaves(
         amplitude=np.full(waves, deviation * np.sqrt(2 / waves)),
         length=length * 0.7 * (1.5 / 0.7) ** draw.uniform(size=waves),
         # directions spread evenly, so that no ground is all furrows

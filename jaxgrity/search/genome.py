@@ -48,7 +48,7 @@ class Genome(eqx.Module):
     images: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
     """permutations of the actuators that give symmetry-equivalent gaits (`gene_permutations`)"""
     waves: tuple[TravellingWave, ...] = eqx.field(static=True, default=())
-    """travelling waves to choose from, not the ground's `Waves`; empty: actuators are independent"""
+    """travelling waves to choose from; empty: actuators are independent"""
     quickest: tuple[float, ...] = eqx.field(static=True, default=())
     """bound on |dL/dt| / L0 of each actuator, 1/s, ramp included, to which amplitudes are scaled down, in a wave alike;
     empty: no scaling"""

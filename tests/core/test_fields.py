@@ -155,7 +155,7 @@ EXAMPLES = [
         turn=(0.1, ANY),
         rounding=(0.01, NOT_NEGATIVE),
     ),
-    _of(jaxgrity.Waves, amplitude=(ONES, ANY), length=(ONES, POSITIVE), direction=(ONES, ANY), phase=(ONES, ANY)),
+    _of(jaxgrity.HeightWaves, amplitude=(ONES, ANY), length=(ONES, POSITIVE), direction=(ONES, ANY), phase=(ONES, ANY)),
     _of(
         jaxgrity.bumps,
         deviation=(0.1, POSITIVE),

@@ -29,8 +29,11 @@ NAN = np.nan
         (lambda: jaxgrity.Box([0, 0, 0], [1.0, 1.0]), r"box.size has shape \(2,\); expected \(3,\)"),
         (lambda: jaxgrity.Box([0, 0, 0], [1.0, 1.0, 1.0], turn=NAN), "box.turn = nan: expected a finite number"),
         (lambda: jaxgrity.Cylinder([0, 0, 0], [0, NAN, 1], 0.1), r"cylinder.end\[1\] = nan"),
-        (lambda: jaxgrity.Waves([0.1], [0.0], [0.0], [0.0]), r"waves.length\[0\] = 0 m: expected a positive number"),
-        (lambda: jaxgrity.Waves([NAN], [1.0], [0.0], [0.0]), r"waves.amplitude\[0\] = nan"),
+        (
+            lambda: jaxgrity.HeightWaves([0.1], [0.0], [0.0], [0.0]),
+            r"waves.length\[0\] = 0 m: expected a positive number",
+        ),
+        (lambda: jaxgrity.HeightWaves([NAN], [1.0], [0.0], [0.0]), r"waves.amplitude\[0\] = nan"),
         (lambda: jaxgrity.bumps(0.1, np.inf, seed=1), "bumps.length = inf: expected a positive number"),
         (lambda: jaxgrity.height_map(np.zeros((4, 4)), (1.0, 1.0), (NAN, 0.0)), r"centre\[0\] = nan"),
         (lambda: jaxgrity.height_map(np.zeros((4, 4)), (np.inf, 1.0)), "size = .*: expected two positive numbers, m"),

@@ -13,13 +13,13 @@ from jaxgrity import (
     Cylinder,
     ExactGround,
     HeightFunction,
+    HeightWaves,
     InputError,
     PenaltyGround,
     Slope,
     Sphere,
     Stairs,
     Union,
-    Waves,
     bumps,
     height_map,
 )
@@ -157,7 +157,7 @@ def test_a_gradient_in_the_terrain_is_that_of_finite_differences(central_differe
 
     @jax.jit
     def energy(a):
-        waves = Waves(ground.amplitude * a, ground.length, ground.direction, ground.phase)
+        waves = HeightWaves(ground.amplitude * a, ground.length, ground.direction, ground.phase)
         phi = PenaltyGround(1e3, surface=waves).signed_distance(q)
         return 500 * jnp.sum(jnp.minimum(phi, 0) ** 2)
 
@@ -200,7 +200,7 @@ def test_a_gradient_in_the_terrain_is_that_of_finite_differences(central_differe
         (lambda: height_map(np.zeros((2, 9)), (1.0, 1.0)), "expected a table, at least 4 by 4"),
         (lambda: height_map(np.full((4, 4), np.nan), (1.0, 1.0)), r"heights\[0, 0\] = nan: expected a finite number"),
         (lambda: height_map(np.zeros((4, 4)), (1.0, 0.0)), "expected two positive numbers"),
-        (lambda: Waves(np.ones(2), np.ones(2), np.ones(2), np.ones(3)), "one number a wave"),
+        (lambda: HeightWaves(np.ones(2), np.ones(2), np.ones(2), np.ones(3)), "one number a wave"),
         (lambda: ExactGround(0.1, surface=Slope()), "ground.incline = 0.1: it is that of the plane"),
         (lambda: ExactGround(offset=np.zeros(3)), "ground.offset moves a surface"),
         (
