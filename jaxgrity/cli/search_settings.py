@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 from tyro.conf import arg
 
 KINDS = (
-    "steady speed, steady direction, steady turn, distance, direction, speed, cost of transport, straightness or "
-    "jump height"
+    "steady speed, steady direction, steady turn, distance, direction, speed, cost of transport, straightness, "
+    "jump height or quick start"
 )
 """Objectives, as --help lists them: in a docstring of two lines, tyro would keep the line break."""
 

@@ -16,7 +16,7 @@ from .gradients import checkpointed_end, distance_and_gradient, distances
 from .judging import Judging, Scores, influences, judge, standard_error, with_robots, without_force_bounds
 from .models import RolloutModel, model_of, rough_step
 from .motions import RobotMotions, robot_motions
-from .objectives import OBJECTIVES, JumpHeight, find_objective
+from .objectives import OBJECTIVES, JumpHeight, QuickStart, find_objective
 from .pareto import ParetoFront, pareto_front
 from .paths import path_bend
 from .pipeline import Progress
@@ -41,6 +41,7 @@ __all__ = [
     "ParetoFront",
     "Progress",
     "Promoted",
+    "QuickStart",
     "Repertoire",
     "RepertoireConfig",
     "RobotMotions",

@@ -12,6 +12,7 @@ import numpy as np
 from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.types import PerGait, Scalar
+from jaxgrity.model.scales import speed_scale
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.populations.metrics import Metrics, cost_of_transport
 from jaxgrity.populations.population import Outcomes
@@ -19,6 +20,10 @@ from jaxgrity.search.paths import FEWEST_PARTS, parts_of_path, path_bend, steady
 
 INSIDE = 1 - 1e-5
 """Share of the bound on rates that is used, so that no rounding carries a gait beyond the bound."""
+
+
+SLOW = 0.3
+"""Least steady speed from which a start is measured, m/s for a body of one metre: a third of what good gaits reach."""
 
 
 class Objective(eqx.Module):
@@ -150,6 +155,27 @@ class SteadyTurn(Objective):
         return jnp.where(outcomes.failure == 0, speed - self.sharpness * off, jnp.nan)
 
 
+class QuickStart(Objective):
+    """d/v - T, s: minus the time that the start costs.
+
+    v is the steady velocity (`SteadySpeed`), and d the displacement along it in the whole time T. A robot that moves
+    steadily at once loses no time. One that waits loses the wait, and one that first rolls back loses more. Robots
+    slower than `SLOW` count as that fast: who stands still loses all the time.
+    """
+
+    unit: ClassVar[str] = "s"
+    needs_metrics: ClassVar[bool] = False
+    any_heading: ClassVar[bool] = True
+    parts: ClassVar[int] = FEWEST_PARTS
+
+    def worth(self, scene, outcomes, duration):
+        velocity = steady_velocity(outcomes, duration)
+        square = jnp.sum(velocity * velocity, axis=1)
+        speed = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+        along = jnp.sum((outcomes.com_end - outcomes.com_start)[:, :2] * velocity, axis=1) / speed
+        return along / jnp.maximum(speed, SLOW * speed_scale(scene)) - duration
+
+
 class CostOfTransport(Objective):
     """-W/(m g d): W is the work that the actuators do (`Metrics.effort`), d the distance, since the gait began.
 
@@ -219,6 +245,7 @@ register_objective("speed", Speed)
 register_objective("cost of transport", CostOfTransport)
 register_objective("straightness", Straightness)
 register_objective("jump height", JumpHeight)
+register_objective("quick start", QuickStart)
 register_objective("steady speed", SteadySpeed)
 register_objective("steady direction", SteadyDirection)
 register_objective("steady turn", SteadyTurn)

@@ -41,7 +41,7 @@ from jaxgrity import (
 )
 from jaxgrity.model import body_length
 from jaxgrity.populations.uncertainty import Differences
-from jaxgrity.search import OBJECTIVES, FidelityLevel, JumpHeight, find_objective, judge_at, judging
+from jaxgrity.search import OBJECTIVES, FidelityLevel, JumpHeight, QuickStart, find_objective, judge_at, judging
 from jaxgrity.search.judging import Scores, scored
 
 MOVED = np.array([[3.0, 4.0, 7.0], [-0.6, 0.8, 0.0], [0.0, -2.0, 1.0]])
@@ -204,6 +204,21 @@ def test_steady_speed_is_that_of_the_settled_part(reference):
     speed = SteadySpeed().worth(reference, on_a_path(path), 24.0)
     np.testing.assert_allclose(speed, [9 / 18], rtol=1e-12)
     assert np.isnan(SteadySpeed().worth(reference, on_a_path(path, failure=1), 24.0)[0])
+
+
+@pytest.mark.parametrize("size", [1.0, 0.25])
+def test_a_quick_start_loses_the_time_before_the_steady_motion(reference, size):
+    """A wait of 3 s, a way back of 2 m for another 4 s at 1 m/s; who hardly moves counts as moving at 0.3 m/s. All in
+    seconds of a robot of one metre: in one of a quarter, time runs twice as fast."""
+    there = np.linspace(0, 24, 25)
+    waits, returns = np.maximum(there - 3, 0), np.abs(there - 2)
+    small = eqx.tree_at(lambda s: s.structure.struts.rest_length, reference, replace_fn=lambda length: size * length)
+    pace = np.sqrt(size)
+    for x, lost in ((there, 0.0), (waits, 3.0), (returns, 4.0), (0.01 * there, 24 - 0.24 / 0.3), (0 * there, 24.0)):
+        path = size * np.column_stack([0.6 * x, 0.8 * x])
+        found = QuickStart().worth(small, on_a_path(path), 24.0 * pace)
+        np.testing.assert_allclose(found, [-lost * pace], rtol=1e-12, atol=1e-12)
+    assert np.isnan(QuickStart().worth(reference, on_a_path(path, failure=1), 24.0)[0])
 
 
 @pytest.mark.parametrize("turning", [0.4, -0.4])
