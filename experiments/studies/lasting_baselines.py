@@ -129,7 +129,7 @@ def words(record: Record) -> str:
 
 def tried(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:
     """The merit of gaits by rough rollouts."""
-    gaits = problem.genome.gaits(problem.scene.gait, problem.genome.within(np.asarray(genes, float)))
+    gaits = problem.genome.gaits(problem.scene.gait, problem.genome.wrapped(np.asarray(genes, float)))
     return np.asarray(judge_at(fidelity_levels(problem.scene).screening, gaits, plain(problem), seed).merit)
 
 
@@ -192,7 +192,7 @@ def genetic(problem: SearchProblem, size: Size, seed: int, crossover: float = 1.
 
 def chosen(problem: SearchProblem, genes: np.ndarray, seed: int) -> np.ndarray:
     """The best of the finalists, by more robots."""
-    genes = np.asarray(problem.genome.within(np.asarray(genes, float)))
+    genes = np.asarray(problem.genome.wrapped(np.asarray(genes, float)))
     more = problem._replace(fitness=with_robots(problem.fitness, COMPARED))
     return genes[int(np.argmax(tried(more, genes, seed - 1)))]
 

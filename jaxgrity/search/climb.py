@@ -136,7 +136,7 @@ def climb(
                 on_step(steps[-1])
     last = np.stack(path[-math.ceil(AVERAGED * count) :])
     # genes that did not move keep the digits that the climb's precision lacks
-    ends = np.where((last == first).all(0), genes, genome.within(last.mean(0, dtype=float)))
+    ends = np.where((last == first).all(0), genes, genome.wrapped(last.mean(0, dtype=float)))
     return [Climb(end, tuple(steps), int(spent)) for end, steps in zip(ends, found)]
 
 
@@ -146,7 +146,7 @@ def _moved(optimiser: optax.GradientTransformation, genome: Genome, gradient: Gr
     update, after = jax.vmap(optimiser.update)(gradient.mean / jnp.reshape(gradient.scale, (-1, 1)), state)
     moves = jnp.any(gradient.mean != 0, axis=1)
     # angles go on beyond a turn, so that their mean is one
-    return rows_where(moves, (genome.bounded(x + update), after), (x, state))
+    return rows_where(moves, (genome.clipped(x + update), after), (x, state))
 
 
 def one_period(gait: Gait) -> float:

@@ -1,4 +1,4 @@
-"""From thousands of rough rollouts to a few exact ones: the levels of a search, and the verification of the best."""
+"""From thousands of rough rollouts to a few fine ones: the levels of a search, and the verification of the best."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -130,8 +130,10 @@ def fidelity_levels(
 
 @typed
 def search_levels(levels: FidelityLevels) -> tuple[FidelityLevel, ...]:
-    """The levels of evolution: screening, and the own model where screening is of the contact twin, or without
-    `force_bounds`, as in every wide search."""
+    """The levels of evolution: screening and the own model, or screening alone if it is the own model.
+
+    The levels differ if screening is of the contact twin, or has no bounds on forces, as in every wide search.
+    """
     alike = levels.rough_own is levels.screening and levels.screening.force_bounds
     return (levels.screening,) if alike else (levels.screening, levels.own)
 
@@ -262,8 +264,8 @@ def final_verdict(
         verifying = beside.submit(verified_at, own_step)
         fine, coarse = judged(own_step / 2), judged(own_step)
         step_error = abs(float(fine.mean[0] - coarse.mean[0]))
-        exact_enough = step_error <= PRECISION * abs(float(fine.mean[0]))
-        step, first = (own_step, coarse) if exact_enough else (own_step / 2, fine)
+        fine_enough = step_error <= PRECISION * abs(float(fine.mean[0]))
+        step, first = (own_step, coarse) if fine_enough else (own_step / 2, fine)
         on_progress(1, 4)
         robust = judge_until(
             lambda number: judged(step, number) if number else first,

@@ -203,7 +203,7 @@ def _advance(state: EvolutionState, judging: Judging, genome: Genome, config: GA
     drawn, bred = jax.random.split(now)
     # NumPy: on all devices, as breeding leaves them, genes would have the next rollouts compiled again
     raw = np.asarray(state.genes)
-    genes = raw if state.memory is None else np.asarray(genome.within(raw))
+    genes = raw if state.memory is None else np.asarray(genome.wrapped(raw))
     scores = judge(drawn, judging, genome.gaits(judging.models[0].scene.gait, genes))
     order = np.argsort(-scores.merit, kind="stable")[: config.population]
     generation = Generation(genes[order], scores.fitness[order], scores.spread[order], np.sum(scores.failed))
@@ -242,7 +242,7 @@ def breed(key, generation: Generation, progress: Scalar, genome: Genome, config:
     size = jnp.asarray(first * (last / first) ** progress, dtype)
     mutated = jax.random.bernoulli(which, config.mutation_rate, child.shape)
     child = child + jnp.where(mutated, size * jax.random.normal(mutate, child.shape, dtype), 0)
-    return jnp.concatenate([genes[: config.elites], genome.within(child)])
+    return jnp.concatenate([genes[: config.elites], genome.wrapped(child)])
 
 
 @typed

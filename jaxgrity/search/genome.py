@@ -23,7 +23,7 @@ FAINT = 1e-3
 
 
 class Genome(eqx.Module):
-    """Encoding of gaits by genes in [0, 1): phases, which are angles, then quantities with bounds.
+    """Encoding of gaits by genes in [0, 1]: phases, which are angles and below 1, then quantities with bounds.
 
     Each actuator has a gene phase/2 pi. On request there are more: an amplitude and a rank for each actuator, two
     Fourier coefficients for each overtone and actuator, and one frequency. Quantities without genes come from the
@@ -163,11 +163,11 @@ class Genome(eqx.Module):
         nothing = np.full((*np.shape(genes)[:-1], n), 0.5 + FAINT)
         return wider, np.concatenate([parts.get(name, nothing) for name in wider.blocks], axis=-1)
 
-    def within(self, genes: Genes) -> Genes:
+    def wrapped(self, genes: Genes) -> Genes:
         """Genes with angles wrapped, and other genes clipped to their bounds."""
         return jnp.where(self.circular, genes % 1, jnp.clip(genes, 0, 1))
 
-    def bounded(self, genes: Genes) -> Genes:
+    def clipped(self, genes: Genes) -> Genes:
         """Genes with angles unchanged, and other genes clipped to their bounds."""
         return jnp.where(self.circular, genes, jnp.clip(genes, 0, 1))
 

@@ -145,7 +145,7 @@ def smoothed_gradients(
     starts, size = genes.shape
     e = right_angled(drawn, (starts, samples // 2, size), genes.dtype)
     scene, genome, *_ = task.problem
-    perturbed = genome.bounded(genes[:, None] + task.width * jnp.concatenate([e, -e], axis=1))
+    perturbed = genome.clipped(genes[:, None] + task.width * jnp.concatenate([e, -e], axis=1))
     gaits = genome.gaits(scene.gait, np.asarray(perturbed).reshape(-1, size))
     scores = judge(disturbed, task.judging.with_robots(robots, horizon), gaits)
     value, merit = (np.asarray(each).reshape(starts, samples) for each in (scores.fitness, scores.merit))

@@ -89,7 +89,7 @@ def search_gaits(
     on_progress: Listener | None = None,
     report: Callable[[SearchResult], None] | None = None,
 ) -> SearchResult:
-    """Search for a gait that rolls on perturbed robots too, polish it by gradients, and verify it.
+    """Search for a gait that rolls on perturbed robots too, polish it by estimated gradients, and verify it.
 
     Thousands of rough rollouts screen gaits, and the scene's own model improves them. The best are compared on both
     contact models, gradients polish them, and some hundred fine rollouts evaluate the result. If you give a folder,
@@ -208,7 +208,7 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
     total, done = sum(each.generations for each in configs), sum(state.number for state in states)
     search.tell(Progress("evolving", done, total, {}))
 
-    def heard(number: int, state) -> None:
+    def save_and_tell(number: int, state) -> None:
         nonlocal done
         if checkpoint is not None:
             checkpoint.save(number, state)
@@ -219,7 +219,7 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
         search.tell(Progress("evolving", done, total, facts | within))
 
     seed = search.config.seed
-    found = evolve_through(levels, search.problem, configs, seed=seed, states=states, on_generation=heard)
+    found = evolve_through(levels, search.problem, configs, seed=seed, states=states, on_generation=save_and_tell)
     if checkpoint is not None:
         last = found[-1].last
         save_arrays(checkpoint.folder / "population.npz", genes=last.genes, fitness=last.fitness)
@@ -230,10 +230,10 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
 def _promote(search: _Search, last: Evolution) -> Promoted:
     """The best gaits of the last evolution, on both contact models and by more robots."""
 
-    def heard(done: int, total: int, facts: dict[str, str]) -> None:
+    def tell(done: int, total: int, facts: dict[str, str]) -> None:
         search.tell(Progress("promoting", done, total, facts))
 
-    return promote(search.problem.without_force_bounds, search.bounds, search.levels, last, search.config, heard)
+    return promote(search.problem.without_force_bounds, search.bounds, search.levels, last, search.config, tell)
 
 
 @_timed("polishing")
@@ -244,7 +244,7 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         return None
     search.tell(Progress("polishing", 0, None, {}))
 
-    def heard(step) -> None:
+    def tell_step(step) -> None:
         nonlocal done
         done += 1
         search.tell(Progress("polishing", done, None, {"fitness": step.fitness}))
@@ -258,7 +258,7 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         options=levels.rough_own.options,
         final_options=levels.own.options,
         seed=config.seed,
-        on_step=heard,
+        on_step=tell_step,
     )
     return kept_or_undone(problem, levels, promoted, starts[0], found, config.polish, config.seed)
 
@@ -276,11 +276,11 @@ def _best(search: _Search, promoted: Promoted, polished: Polished | None) -> Gai
 def _verify(search: _Search, gait: Gait) -> Verdict:
     """Evaluate the gait by fine rollouts, with draws that did not choose it."""
 
-    def heard(done: int, total: int) -> None:
+    def tell_part(done: int, total: int) -> None:
         search.tell(Progress("verifying", done, total, {}))
 
     problem, seed = search.problem.without_force_bounds, search.config.seed + UNSEEN
     found = with_gait(problem.scene, gait)
     # a stronger gait than the scene's own may need a smaller step
     step = min(2 * search.levels.verification.dt, default_step(found, default_method(found)))
-    return final_verdict(problem, gait, own_step=step, bounds=search.bounds, seed=seed, on_progress=heard)
+    return final_verdict(problem, gait, own_step=step, bounds=search.bounds, seed=seed, on_progress=tell_part)

@@ -67,7 +67,7 @@ def _within_bounds(
 ) -> Polished:
     """The gait that is farthest on the way from the start to the polished one, and no further beyond bounds."""
     genome, end, plain = problem.genome, polished.genes, problem.without_force_bounds
-    ways = [end if part == 1 else genome.within(start + part * genome.towards(start, end)) for part in PARTS]
+    ways = [end if part == 1 else genome.wrapped(start + part * genome.towards(start, end)) for part in PARTS]
     least, *excess = excess_at(levels.own, np.stack([start, *map(np.asarray, ways)]), plain, problem.fitness.bounds)
     if excess[0] <= least:
         return polished

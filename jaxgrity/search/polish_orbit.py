@@ -81,7 +81,7 @@ def climb_on_orbit(
     spent += slope.cost
     while not slope.remark and spent + price <= rollouts and length >= SHORTEST * config.learning_rate:
         update, after = optimiser.update(slope.gradient, memory)
-        tried = np.asarray(problem.genome.within(_within_rate(problem, genes, genes + length * np.asarray(update))))
+        tried = np.asarray(problem.genome.wrapped(_within_rate(problem, genes, genes + length * np.asarray(update))))
         found = judged(tried)
         better = bool(found.merit[0] > best.merit[0])
         spent += price
@@ -152,7 +152,7 @@ def _within_rate(problem: SearchProblem, before: OneGait, genes: OneGait) -> One
     """
     genome, fitness = problem.genome, problem.fitness
     if fitness.bounds.rate is None:
-        return np.asarray(genome.bounded(jnp.asarray(genes)))
+        return np.asarray(genome.clipped(jnp.asarray(genes)))
     least = INSIDE * fitness.bounds.rate / (1 + fitness.uncertainty.actuation)
     longest = with_longest_cables(problem.scene, fitness.uncertainty)
     return np.asarray(_brought_back(longest, genome, least, jnp.asarray(before), jnp.asarray(genes)))
@@ -164,8 +164,8 @@ def _brought_back(scene: Scene, genome: Genome, least: Scalar, before: AnyArray,
         gaits = genome.gaits(scene.gait, each[None])
         return peak_rates(gaits, actuated_lengths(scene.structure, gaits.members)).max()
 
-    genes, limit = genome.bounded(genes), jnp.maximum(least, rate(before))
+    genes, limit = genome.clipped(genes), jnp.maximum(least, rate(before))
     for _ in range(PULLS):
         now, slope = jax.value_and_grad(rate)(genes)
-        genes = genome.bounded(genes - jnp.maximum(now - limit, 0) * slope / jnp.maximum(slope @ slope, 1e-12))
+        genes = genome.clipped(genes - jnp.maximum(now - limit, 0) * slope / jnp.maximum(slope @ slope, 1e-12))
     return genes

@@ -171,7 +171,7 @@ def _varied(
     """Children of elites, each moved along the line to another one, and mutated."""
     genome, (one, other) = problem.genome, elites[draw.integers(len(elites), size=(2, config.batch))]
     step = config.line * draw.normal(size=(config.batch, 1)) * np.asarray(genome.towards(one, other))
-    return np.asarray(genome.within(one + step + config.width * draw.normal(size=one.shape)))
+    return np.asarray(genome.wrapped(one + step + config.width * draw.normal(size=one.shape)))
 
 
 def _tried(key, problem: SearchProblem, model: RolloutModel, genes: Genes) -> _Tried:

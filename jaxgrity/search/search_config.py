@@ -125,6 +125,7 @@ def ga_configs(config: SearchConfig, levels: int) -> tuple[GAConfig, ...]:
     if not config.wide:
         few = max(1, size // 8)
         return tuple(GAConfig(size, generations=count, elites=few, optimiser=config.optimiser) for count in counts)
+    # of screening, and of the own model, which few gaits reach and none that is drawn at random
     sizes, drawn = (size, max(fewest(config.optimiser), size // 8)), (DRAWN * size, None)
     best = [max(1, each // 8) for each in sizes]
     return tuple(

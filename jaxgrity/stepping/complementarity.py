@@ -37,7 +37,7 @@ class SweptState(NamedTuple):
     """The carry of complementarity stepping from step to step, with impulses by sweeps."""
 
     step_size: Scalar
-    """of the last step, s; 0 before the first of a robot at rest; of many robots, common to all or of each"""
+    """of the last step, s; 0 before the first step of a robot at rest. A number, or one for each robot"""
     impulses: GroundImpulses
     """of the last step"""
 
@@ -54,7 +54,7 @@ class CoupledState(NamedTuple):
 
 
 ImpulseState = SweptState | CoupledState
-"""what remembers the size of a step: its velocities are those in the middle of that step"""
+"""carries that hold the size of the last step, in whose middle the velocities are"""
 
 
 class Complementarity(diffrax.AbstractSolver):

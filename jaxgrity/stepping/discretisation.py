@@ -54,6 +54,7 @@ def discretise(options: ResolvedOptions, lift: Lift = one_robot) -> tuple[diffra
         solver = dataclasses.replace(solver, **chosen)  # type: ignore[type-var]
     # jit, so that it is traced once for all its uses in a step
     field = vector_field if method.constrained else vector_field_with_multipliers
+    # one time for all robots, states in the last axis, and the scene's own axes (`Lift`)
     return diffrax.ODETerm(jax.jit(lift(field, (None, -1, "s")))), solver
 
 

@@ -1,9 +1,10 @@
 """Steps one by one: what a method carries from step to step, its start, its advance and its end.
 
 `diffrax.diffeqsolve` (`discretisation.integrate`) makes rollouts that give frames or an end alone: those of `simulate`,
-of populations without parts, and of populations whose robots each have steps of their own. What has to see every step,
-or has derivatives in reverse mode, steps here with the same solver: metrics, populations with parts, audits, ground
-impulses, `final_state`, orbits, closed loops. Both begin by `carried_at`.
+of most populations, and of populations whose robots each have steps of their own. What has to see every step, or has
+derivatives in reverse mode, steps here with the same solver: metrics, populations that look at the path in between
+(`simulate_population(parts=...)`), audits, ground impulses, `final_state`, orbits, closed loops. Both begin
+complementarity stepping by `carried_at`.
 """
 
 from collections.abc import Callable

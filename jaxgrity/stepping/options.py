@@ -152,7 +152,7 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     given = options or SolverOptions()
     method = find_method(given.method) if given.method is not None else default_method(scene)
     dtype = _dtype(dtype or given.dtype, x64)
-    # tolerances are plain numbers, which traced scales are not: those of a robot of one metre then
+    # tolerances are plain numbers. Traced scales are not, and then the tolerances are those of a robot of one metre
     size, speed = (float(length_scale(scene)), float(speed_scale(scene))) if concrete else (1.0, 1.0)
     rtol, atol = _tolerances(given, method, dtype, min(size, speed))
     _check_method(scene, method)
@@ -167,8 +167,8 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
             # it may look like a motion, since friction and slack cables bound it
             warnings.warn(f"{fault}; the motion is wrong, whether it fails or not", stacklevel=2)
         if not given.any_step:
-            _check_seen(scene, method, dt)
-    # no NumPy numbers: those are inputs of what is compiled
+            _check_sees_pushes(scene, method, dt)
+    # plain numbers, so that they are compiled in: `jax.jit` would make NumPy numbers inputs of the program
     dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
     coupled = _coupled(scene, given, method, concrete)
     if coupled and given.sweeps is not None:
@@ -186,11 +186,11 @@ def check_options(scene: Scene, options: ResolvedOptions) -> None:
     if method.constrained and not options.coupled and _must_be_coupled(scene):
         raise InputError(f"options: {UNSWEPT}; expected options that `resolve` makes for this scene")
     if options.dt is not None and not traced((scene, options)):
-        _check_seen(scene, method, float(options.dt))
+        _check_sees_pushes(scene, method, float(options.dt))
 
 
-def _check_seen(scene: Scene, method: Method, dt: float) -> None:
-    longest = 2 * _seen_by(scene, method)  # twice the default step: rough rollouts of a search take that
+def _check_sees_pushes(scene: Scene, method: Method, dt: float) -> None:
+    longest = 2 * _longest_step_for_pushes(scene, method)  # a search's rough rollouts take twice the default step
     if dt > longest:
         raise InputError(
             f"dt = {dt:g} s: a push or another short force would be lost between the steps of {method.name}; "
@@ -198,7 +198,7 @@ def _check_seen(scene: Scene, method: Method, dt: float) -> None:
         )
 
 
-def _seen_by(scene: Scene, method: Method) -> float:
+def _longest_step_for_pushes(scene: Scene, method: Method) -> float:
     """s, the largest step that sees all that acts for a short time, such as a push."""
     acting = () if method.constrained or traced(scene) else scene.terms
     return min((term.longest_step() for term in acting), default=np.inf)
@@ -206,7 +206,7 @@ def _seen_by(scene: Scene, method: Method) -> float:
 
 def _default_step(scene: Scene, method: Method) -> float:
     try:
-        return min(default_step(scene, method), _seen_by(scene, method))
+        return min(default_step(scene, method), _longest_step_for_pushes(scene, method))
     except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError) as error:
         raise InputError(
             "dt: the scene's numbers are being traced, so no step can be chosen; pass a dt, or options = "
@@ -273,7 +273,7 @@ def _sweeps(given: SolverOptions, method: Method, dtype: str, size: float) -> in
 
 
 def _must_be_coupled(scene: Scene) -> bool:
-    """Whether sweeps cannot solve it."""
+    """Whether sweeps cannot solve the scene's struts and contacts."""
     balls = scene.ground is not None and scene.ground.balls is not None
     return scene.structure.needs_mobility or balls or capsules_of(scene) is not None or bool(points_between(scene))
 

@@ -34,7 +34,9 @@ is repeated to fill it, unless the motion is differentiated. A minute of a robot
 fits in; so many positions and velocities are 3 MB."""
 MOST_FRAMES = 10**7
 """Most frames of a motion: positions and velocities of twelve nodes are 6 GB then."""
-REVERSE = "simulate has derivatives in forward mode alone (jax.jacfwd, jax.jvp); for reverse mode use jaxgrity.rollout"
+NO_REVERSE_MODE = (
+    "simulate has derivatives in forward mode alone (jax.jacfwd, jax.jvp); for reverse mode use jaxgrity.rollout"
+)
 """Message where reverse mode meets `simulate`."""
 
 
@@ -228,7 +230,7 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
         failure = jnp.where(velocities_stretch(scene, start), 1, failure)
     misplaced = start_failure(scene, start[0])  # of traced numbers, which `resolve` could not check
     failure = jnp.where(misplaced != 0, misplaced, failure)
-    q, v = forward_mode_only((q, v), REVERSE)
+    q, v = forward_mode_only((q, v), NO_REVERSE_MODE)
     return Trajectory(
         times=times,
         positions=q,

@@ -173,11 +173,11 @@ def test_the_way_between_other_genes_is_their_difference(a, b):
 def test_genes_are_brought_back_within_their_bounds(angle, other):
     """An angle to the same angle on its circle, another gene to the nearer bound; twice is the same as once."""
     genome = Genome(1, frequency=(0.1, 1.0))
-    held = np.asarray(genome.within(np.array([angle, other])))
+    held = np.asarray(genome.wrapped(np.array([angle, other])))
     assert 0 <= held[0] <= 1
     assert abs((held[0] - angle) - round(held[0] - angle)) < 4e-15
     assert held[1] == min(max(other, 0.0), 1.0)
-    np.testing.assert_array_equal(genome.towards(genome.within(held), held), 0)
+    np.testing.assert_array_equal(genome.towards(genome.wrapped(held), held), 0)
 
 
 def test_nearest_image_is_an_image_and_the_nearest():
