@@ -79,7 +79,7 @@ class FidelityLevel(NamedTuple):
 
 
 class FidelityLevels(NamedTuple):
-    """The levels of a search, from rough to exact."""
+    """The levels of a search, from rough to fine."""
 
     screening: FidelityLevel
     own: FidelityLevel
@@ -102,7 +102,7 @@ class FidelityLevels(NamedTuple):
 def fidelity_levels(
     scene: Scene, dt: float | None = None, both: bool = False, force_bounds: bool = True
 ) -> FidelityLevels:
-    """The levels from rough to exact; `dt` (s) is by default the scene's own step.
+    """The levels from rough to fine; `dt` (s) is by default the scene's own step.
 
     | level | model | step | precision | what it is for |
     |---|---|---|---|---|
@@ -148,7 +148,7 @@ def evolve_through(
     states: tuple[EvolutionState, ...] = (),
     on_generation: Callable[[int, EvolutionState], None] | None = None,
 ) -> list[Evolution]:
-    """Evolve on the own model of each level in turn, and carry the best over to the next.
+    """Evolve on the scene of each level in turn, without its contact twin, and carry the best over to the next.
 
     Returns the evolution on each. With `states` interrupted ones continue. `on_generation` is called with an
     evolution's number and its state. Raises `InputError` for a population larger than the one before.

@@ -1,8 +1,9 @@
 """Polish: improve gaits by gradients.
 
-There are three gradients. The pathwise gradient differentiates the rollouts: it is exact, but useless if they are too
-sensitive. The smoothed gradient (evolution strategies) is a regression on the ranks of perturbed gaits: it is noisy,
-but works on any horizon. The orbit's gradient is that of the nominal robot's steady speed (`polish_orbit`).
+There are three gradients, and a combination of the first two. The pathwise gradient differentiates the rollouts: it is
+exact, but useless if they are too sensitive. The smoothed gradient (evolution strategies) is a regression on the ranks
+of perturbed gaits: it is noisy, but works on any horizon. The orbit's gradient is that of the nominal robot's steady
+speed (`polish_orbit`).
 
 Each climb gets the same share of the rollouts. Each step is a gradient that optax turns into an update (momentum, with
 a step length that falls by a cosine). Smoothed gradients are those of the fitness. Bounds on forces and powers, if

@@ -28,7 +28,7 @@ class PolishConfig(NamedTuple):
     """budget of all steps from all starts, in rollouts of the whole duration"""
     kind: GradientKind = "smoothed"
     """gradient of the climbs: by perturbed gaits (smoothed), by derivatives of rollouts (pathwise), by both (combined),
-    or that of an orbit's speed; `polish.py` compares them"""
+    or that of an orbit's speed (`polish.py` says what each is good for)"""
     samples: int = 24
     """number of perturbed gaits per smoothed gradient, or of robots per pathwise gradient"""
     robots: int = 8

@@ -86,7 +86,8 @@ class SearchConfig(_Grouped):
     population: int = 128
     """number of gaits per generation"""
     generations: tuple[int, int] = (10, 2)
-    """numbers of generations: of screening, and then on the scene's own model (`search_levels` says when)"""
+    """numbers of generations: of screening, and then on the scene's own model, with its own step and within all bounds
+    (`search_levels` says when)"""
     optimiser: Literal["genetic", "cma-es"] = "genetic"
     """search method: a genetic algorithm, or CMA-ES (the extra `baselines`), which starts from the best gait of the
     first generation"""

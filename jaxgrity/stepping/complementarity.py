@@ -66,7 +66,7 @@ class Complementarity(diffrax.AbstractSolver):
 
     A robot that starts at rest has v at t0 (h0 = 0). One that starts in motion is taken as if a step had just ended
     (`loop.py`).
-    Laws that act for a time are taken in their mean over that of the kick. Dissipative forces need w: a first round,
+    Laws that act for a short time are averaged over the time of the kick. Dissipative forces need w: a first round,
     with F(q, v, t0), predicts it, and the last round uses the prediction. The order is 2 where nothing begins
     or ends to touch, stick or slip, also along curved ground without friction. It is 1 there, and where the direction
     of slip turns: friction acts against w, not the mean of v and w.

@@ -1,7 +1,8 @@
 """Simulation of one scene with saved frames, by any method.
 
 `simulate` checks and completes its arguments, `discretisation.integrate` does the steps, and `frame_velocities.py`
-moves velocities to the frames. `rollout` (`rollout.py`) is another way, for reverse mode: it goes through `loop.py`.
+moves velocities to the frames. `rollout` (`rollout.py`) is another way, for reverse mode: it takes the steps one by one
+(`loop.py`).
 """
 
 import math
