@@ -56,7 +56,7 @@ def first_commands(commands: tuple[str, ...] = tuple(COMMANDS)) -> Iterator[Reco
 @first_commands.table
 def words(record: Record) -> str:
     """Each command, cold and warm."""
-    head = ["command", "cold, s", "of that compiling, s", "warm, s", "programs"]
+    head = ["command", "cold, s", "of that compiling, s", "warm, s", "programs compiled"]
     found = {(row["name"], row["state"]): row for row in record["rows"]}
     rows = []
     for name in dict.fromkeys(row["name"] for row in record["rows"]):
