@@ -86,13 +86,14 @@ def cells_of(row: Record) -> list[str]:
     ]
 
 
-@orbits.figure(5.4)
+@orbits.figure(6)
 def figure(record: Record, chart: Figure) -> None:
     """The paths of the centre of mass, seen from above; those that stay near in a pane of their own."""
-    far, near = chart.subplots(1, 2)
     rows = [{**row, "path": np.asarray(row["path"]) - row["path"][0]} for row in record["rows"]]
     turning = {row["gait"] for row in rows if np.abs(row["path"]).max() < NEAR}
-    for axes, title, turns in ((far, "centre of mass, from above", False), (near, "gaits that turn", True)):
+    titles = "centre of mass, from above", "gaits that turn"
+    for pane, title, turns in zip(chart.subfigures(1, 2), titles, (False, True)):
+        axes = pane.subplots()
         here = [row for row in rows if (row["gait"] in turning) == turns]
         gaits = list(dict.fromkeys(row["gait"] for row in here))
         for row in here:
@@ -103,4 +104,4 @@ def figure(record: Record, chart: Figure) -> None:
             axes.plot(*row["path"].T, **look)
         axes.set(xlabel="x (m)", ylabel="y (m)", title=title)
         axes.set_aspect("equal", adjustable="datalim")
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
+        pane.legend(loc="outside lower center", ncols=2)

@@ -90,18 +90,18 @@ def degrees(angle: float) -> str:
 @robots_that_differ.figure(5.4)
 def figure(record: Record, chart: Figure) -> None:
     """The speed of every robot, sorted."""
-    panes = chart.subplots(1, 2)
     names = list(dict.fromkeys(row["gait"] for row in record["rows"]))
     fastest = {name: max(row["nominal"] for row in record["rows"] if row["gait"] == name) for name in names}
     names.sort(key=fastest.get)
     halves = names[: len(names) // 2], names[len(names) // 2 :]
-    for axes, gaits, title in zip(panes, halves, ("the slower gaits", "the faster gaits")):
+    for pane, gaits, title in zip(chart.subfigures(1, 2), halves, ("the slower gaits", "the faster gaits")):
+        axes = pane.subplots()
         for row in (each for each in record["rows"] if each["gait"] in gaits):
             speeds, k = np.sort(np.nan_to_num(np.asarray(row["speeds"], float))), gaits.index(row["gait"])  # failed: 0
             look = {"color": f"C{k}", "label": f"{row['gait']}, {row['contact']}"}
             if row["contact"] == "penalty":
                 look |= {"marker": plot.MARKERS[k], "markersize": 5, "markevery": 0.1, "linestyle": "--"}
             axes.plot(np.linspace(0, 100, len(speeds)), speeds, **look)
-        axes.set(xlabel="robots (%), slowest first", ylim=(0, None), title=title)
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
-    panes[0].set_ylabel("speed along the path (body lengths/s)")
+        axes.set(xlabel="robots (%), slowest first", ylabel="speed along the path (body lengths/s)", title=title)
+        axes.set_ylim(0, None)
+        pane.legend(loc="outside lower center", ncols=2)
