@@ -51,10 +51,14 @@ def check_indices(where: str, numbers: Any, count: int | None = None) -> tuple[i
 
 def known_ends(edges: Any, nodes: int) -> np.ndarray:
     """(members, 2), the nodes at both ends of each member; `InputError` for one that is not among so many nodes."""
-    ends = np.asarray(edges, int).reshape(-1, 2)
-    for k in np.flatnonzero(((ends < 0) | (ends >= nodes)).any(1))[:1]:
-        raise InputError(f"edges[{k}] = {ends[k].tolist()}: expected two nodes from 0 to {nodes - 1}")
-    return ends
+    ends = as_table("edges", edges)
+    if ends.size and ends.shape[1:] != (2,):
+        raise InputError(f"edges have shape {ends.shape}; expected (members, 2), two nodes for each member")
+    ends = ends.reshape(-1, 2)
+    # a comparison with what is no number is false
+    for k in np.flatnonzero(~((ends == np.floor(ends)) & (ends >= 0) & (ends < nodes)).all(1))[:1]:
+        raise InputError(f"edges[{k}] = {np.asarray(edges)[k].tolist()}: expected two nodes from 0 to {nodes - 1}")
+    return ends.astype(int)
 
 
 def check_number(

@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.interpreters import ad
 
+from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.making_primitives import linear_pair, primitive
-from jaxgrity.core.tracing import traced
-from jaxgrity.core.typed import check_same_shape, known_rows
+from jaxgrity.core.typed import check_same_shape, known_edges, known_rows
 from jaxgrity.core.types import AnyArray, AnyRows, Edges, MemberVectors, Mobility, NodeVectors, PerMember, Rows, Scalar
 
 
@@ -110,14 +110,14 @@ ad.defbilinear(_weigh_p, lambda ct, a, s: _weigh_p.bind(ct, s), lambda ct, a, s:
 
 def edge_vectors(x: NodeVectors, edges: Edges | Sequence | AnyArray) -> MemberVectors:
     """x_i - x_j for each edge (i, j). Its transpose sums member forces onto the nodes."""
-    if not (isinstance(edges, tuple) or traced(edges)):
-        edges = tuple((i, j) for i, j in np.asarray(edges).tolist())
-    known_rows(tuple(node for edge in edges for node in edge), x.shape[0])
-    return _difference_p.bind(x, edges=edges, nodes=x.shape[0])
+    return _difference_p.bind(x, edges=known_edges(edges, x.shape[0]), nodes=x.shape[0])
 
 
-def accumulate(f: MemberVectors, edges: Edges, nodes: int) -> NodeVectors:
+def accumulate(f: MemberVectors, edges: Edges | Sequence | AnyArray, nodes: int) -> NodeVectors:
     """The transpose of `edge_vectors`: adds f_k to the first node of edge k, and takes it from the second."""
+    edges = known_edges(edges, check_count("nodes", nodes, 1))
+    if len(edges) != len(f):
+        raise InputError(f"primitives.accumulate has {len(f)} vectors and {len(edges)} edges; expected as many")
     return _accumulate_p.bind(f, edges=edges, nodes=nodes)
 
 
@@ -144,7 +144,10 @@ def take_rows(x: AnyRows, rows: Sequence[int] | AnyArray) -> Rows:
 
 def place_rows(x: Rows, rows: Sequence[int] | AnyArray, size: int) -> AnyRows:
     """The transpose of `take_rows`: `size` rows, each the sum of the rows of `x` placed there."""
-    return _place_p.bind(x, rows=known_rows(rows, size), size=size)
+    known = known_rows(rows, check_count("size", size, 1))
+    if len(known) != len(x):
+        raise InputError(f"primitives.place_rows has {len(x)} rows for {len(known)} places; expected as many")
+    return _place_p.bind(x, rows=known, size=size)
 
 
 def dot(a: MemberVectors, b: MemberVectors) -> PerMember:

@@ -13,8 +13,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from jaxgrity.core.arguments import known_ends
 from jaxgrity.core.errors import InputError, check_known
 from jaxgrity.core.tracing import traced
+from jaxgrity.core.types import Edges
 
 PACKAGE = __name__.partition(".")[0]
 """Name of this package, by which its own classes are known."""
@@ -167,18 +169,27 @@ def known_rows(rows: Any, size: int) -> tuple[int, ...]:
 
     Raises `InputError` for missing rows, of which JAX would take the last one, and for what is no list of numbers.
     """
-    if traced(rows):
-        raise InputError("its numbers of nodes or members are traced; expected them in a static field")
-    if not isinstance(rows, tuple):
-        listed = np.asarray(rows)
-        if listed.ndim != 1 or not (np.issubdtype(listed.dtype, np.integer) or not listed.size):
-            raise InputError(
-                f"rows of shape {listed.shape} and type {listed.dtype}; expected whole numbers, such as (0, 1)"
-            )
-        rows = tuple(listed.tolist())
+    _refuse_traced_rows(rows)
+    listed = np.asarray(rows)
+    if listed.ndim != 1 or not listed.size or not np.issubdtype(listed.dtype, np.integer):
+        raise InputError(f"rows = {reprlib.repr(listed.tolist())}: expected whole numbers, such as (0, 1)")
+    rows = tuple(listed.tolist())
     if outside := [row for row in rows if not 0 <= row < size]:
         raise InputError(f"there is no row {outside[0]}; expected 0 to {size - 1}")
     return rows
+
+
+def known_edges(edges: Any, nodes: int) -> Edges:
+    """Pairs of nodes as a tuple, as a primitive needs them. Raises `InputError` as `known_ends` does, or for none."""
+    _refuse_traced_rows(edges)
+    if not len(found := known_ends(edges, nodes)):
+        raise InputError("edges: there are none; expected at least one, or no term where there are no members")
+    return tuple((i, j) for i, j in found.tolist())
+
+
+def _refuse_traced_rows(rows: Any) -> None:
+    if traced(rows):
+        raise InputError("its numbers of nodes or members are traced; expected them in a static field")
 
 
 def check_same_shape(name: str, a: Any, b: Any) -> None:

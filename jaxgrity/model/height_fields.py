@@ -62,6 +62,8 @@ class HeightWaves(HeightField):
         shapes = {name: np.shape(value) for name, value in vars(self).items()}
         if len(set(shapes.values())) > 1 or len(shapes["amplitude"]) != 1:
             raise InputError(f"waves: shapes {shapes}; expected one number a wave in each")
+        if shapes["length"] == (0,):
+            raise InputError("waves: there are none; expected one wave or more, or no surface for a plane")
         check_each("waves.length", self.length, above=0.0, unit="m")
 
     def height(self, x, y):

@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -31,13 +32,16 @@ def test_an_index_is_less_than_there_are_and_comes_once():
     assert arguments.check_indices("nodes", np.array([2, 0]), 3) == (2, 0)
 
 
-@pytest.mark.parametrize("edge", [(0, 3), (-1, 2)])
+@pytest.mark.parametrize("edge", [(0, 3), (-1, 2), (0, 1.5), (0, np.nan)])
 def test_members_end_at_nodes_that_there_are(edge):
     """Where lengths and matrices are asked of plain arrays, too."""
-    message = rf"edges\[1\] = \[{edge[0]}, {edge[1]}\]: expected two nodes from 0 to 2"
+    jaxtyping.config.update("jaxtyping_disable", True)  # for this test: its own refusals would come first
+    message = rf"edges\[1\] = \[{edge[0]}(.0)?, {edge[1]}\]: expected two nodes from 0 to 2"
     for asked in (edge_lengths, statics.equilibrium_matrix):
         with pytest.raises(InputError, match=message):
             asked(np.eye(3), ((0, 1), edge))
+    with pytest.raises(InputError, match=r"edges have shape \(1, 3\); expected \(members, 2\)"):
+        edge_lengths(np.eye(3), ((0, 1, 2),))
     assert edge_lengths(np.eye(3), ()).shape == (0,)
 
 

@@ -56,11 +56,45 @@ def test_rows_and_edges_may_be_arrays(kind):
         take_rows(x, kind([0, 6]))
 
 
-@pytest.mark.parametrize("rows", [np.array([0.0]), np.array([[0, 1]]), np.array([True]), 0])
+@pytest.mark.parametrize("rows", [np.array([0.0]), np.array([[0, 1]]), np.array([True]), 0, (1.5,), (), []])
 def test_rows_are_whole_numbers(rows):
+    """At least one."""
     jaxtyping.config.update("jaxtyping_disable", True)  # of this test alone: conftest.py sets it anew for each
-    with pytest.raises(InputError, match=r"rows of shape .* and type .*; expected whole numbers, such as \(0, 1\)"):
-        take_rows(np.ones((NODES, 3)), rows)
+    for make in (lambda: take_rows(np.ones((NODES, 3)), rows), lambda: place_rows(np.ones((1, 3)), rows, NODES)):
+        with pytest.raises(InputError, match=r"rows = .*: expected whole numbers, such as \(0, 1\)"):
+            make()
+
+
+@pytest.mark.parametrize(
+    ("edges", "message"),
+    [
+        (((0, 6),), r"edges\[0\] = \[0, 6\]: expected two nodes from 0 to 5"),
+        (((0, 1), (-1, 2)), r"edges\[1\] = \[-1, 2\]: expected two nodes from 0 to 5"),
+        ([[0, 1.5]], r"edges\[0\] = \[0.0, 1.5\]: expected two nodes from 0 to 5"),
+        (((0, 1, 2),), r"edges have shape \(1, 3\); expected \(members, 2\)"),
+        ((), "edges: there are none; expected at least one"),
+    ],
+)
+def test_edges_join_nodes_that_there_are(edges, message):
+    jaxtyping.config.update("jaxtyping_disable", True)
+    for make in (lambda: edge_vectors(np.ones((NODES, 3)), edges), lambda: accumulate(np.ones((1, 3)), edges, NODES)):
+        with pytest.raises(InputError, match=message):
+            make()
+
+
+def test_what_is_placed_has_places():
+    jaxtyping.config.update("jaxtyping_disable", True)
+    for make, message in (
+        (
+            lambda: accumulate(np.ones((2, 3)), ((0, 1),), NODES),
+            "accumulate has 2 vectors and 1 edges; expected as many",
+        ),
+        (lambda: accumulate(np.ones((1, 3)), ((0, 1),), 1.5), "nodes = 1.5: expected a whole number, at least 1"),
+        (lambda: place_rows(np.ones((2, 3)), (1,), NODES), "place_rows has 2 rows for 1 places; expected as many"),
+        (lambda: place_rows(np.ones((1, 3)), (0,), 2.5), "size = 2.5: expected a whole number, at least 1"),
+    ):
+        with pytest.raises(InputError, match=message):
+            make()
 
 
 def test_stored_cotangents_are_the_same():

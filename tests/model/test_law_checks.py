@@ -85,8 +85,11 @@ class Thrust(ForceLaw):
 @pytest.mark.parametrize(
     ("law", "expected"),
     [
-        (Band(1.0, ((0, 12),)), r"Band \('band'\) cannot act in this scene: there is no row 12; expected 0 to 11$"),
-        (Band(1.0, ((0, -1),)), "there is no row -1; expected 0 to 11$"),
+        (
+            Band(1.0, ((0, 12),)),
+            r"Band \('band'\) cannot act in this scene: edges\[0\] = \[0, 12\]: expected two nodes from 0 to 11$",
+        ),
+        (Band(1.0, ((0, -1),)), r"edges\[0\] = \[0, -1\]: expected two nodes from 0 to 11$"),
         (Forgetful(1.0, ((0, 1),)), r"declare edges, which has whole numbers, as eqx.field\(static=True\)$"),
         (Weight(1.0, node=30), "Weight .*index 30 is out of bounds"),
         (Each(1.0), r"gives an array of shape \(1,\); expected \(\), one number, a sum$"),

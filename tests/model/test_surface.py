@@ -201,6 +201,7 @@ def test_a_gradient_in_the_terrain_is_that_of_finite_differences(central_differe
         (lambda: height_map(np.full((4, 4), np.nan), (1.0, 1.0)), r"heights\[0, 0\] = nan: expected a finite number"),
         (lambda: height_map(np.zeros((4, 4)), (1.0, 0.0)), "expected two positive numbers"),
         (lambda: HeightWaves(np.ones(2), np.ones(2), np.ones(2), np.ones(3)), "one number a wave"),
+        (lambda: HeightWaves([], [], [], []), "waves: there are none; expected one wave or more"),
         (lambda: ExactGround(0.1, surface=Slope()), "ground.incline = 0.1: it is that of the plane"),
         (lambda: ExactGround(offset=np.zeros(3)), "ground.offset moves a surface"),
         (
