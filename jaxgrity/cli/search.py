@@ -112,7 +112,7 @@ def main(settings: SearchSettings) -> None:
 def replaced_words(settings: SearchSettings) -> str:
     """The files of an earlier run that the search replaces, in words; none for one that continues or is refused."""
     folder = settings.out
-    if settings.resume or (holds_unfinished(folder) and not settings.restart):
+    if settings.resume or (not settings.restart and holds_unfinished(folder)):
         return ""
     replaced = [*left_over(folder), *(folder / name for name in FILES if (folder / name).exists())]
     if not replaced:

@@ -26,6 +26,8 @@ from jaxgrity.search.genetic_algorithm import EvolutionState, Generation, Record
 
 SETTINGS, STATE, RESULTS = "run.json", "state_{}.npz", ("summary.json", "gait.json", "population.npz")
 """Names of the files of a search: its settings, the state of each evolution, and what it found."""
+RUN_OR_RESTART = "expected a run of this version, or restart"
+"""End of messages on files of a search that cannot be read."""
 PROBE, SPACE = ".probe", 2**20
 """Name and size (bytes) of a file that shows whether there is space for what a search writes."""
 ADDRESS = re.compile(" at 0x[0-9a-fA-F]+")
@@ -92,13 +94,13 @@ def _lock(lock, folder: Path) -> None:
 
 
 def _begin(folder: Path, settings: dict[str, Any], resume: bool, restart: bool) -> Checkpoint:
-    found = _run_in(folder)
+    found = None if restart else _run_in(folder)  # a damaged one is no reason not to begin again
     if resume:
         if found is None:
             raise InputError(f"{folder}: has no run; expected one to resume")
         check_same_settings(folder, found["settings"], settings)
         return Checkpoint(folder, load_states(folder))
-    if _unfinished(found) and not restart and load_states(folder):
+    if _unfinished(found) and load_states(folder):
         raise InputError(f"{folder}: holds an unfinished run; expected resume, restart or another folder")
     for left in left_over(folder):
         left.unlink(missing_ok=True)
@@ -117,9 +119,12 @@ def _run_in(folder: Path) -> dict[str, Any] | None:
     """The settings of the folder's run, and whether it is done; None without a run."""
     if not (folder / SETTINGS).exists():
         return None
-    run = read_json(folder / SETTINGS)
+    try:
+        run = read_json(folder / SETTINGS)
+    except InputError as error:
+        raise InputError(f"{error}; {RUN_OR_RESTART}") from error
     if not isinstance(run.get("settings"), dict):
-        raise InputError(f"{folder / SETTINGS}: has no settings; expected what a search leaves there")
+        raise InputError(f"{folder / SETTINGS}: has no settings; {RUN_OR_RESTART}")
     return run
 
 
@@ -147,9 +152,9 @@ def load_states(folder: Path) -> tuple[EvolutionState, ...]:
             with np.load(path) as file:
                 saved = dict(file)
         except (ValueError, EOFError, BadZipFile, zlib.error) as error:
-            raise InputError(f"{path}: damaged: {error}; expected a run of this version, or restart") from error
+            raise InputError(f"{path}: damaged: {error}; {RUN_OR_RESTART}") from error
         if missing := [name for name in Record._fields if f"record_{name}" not in saved]:
-            raise InputError(f"{path}: has no record_{missing[0]}; expected a run of this version, or restart")
+            raise InputError(f"{path}: has no record_{missing[0]}; {RUN_OR_RESTART}")
         record = Record(*(saved[f"record_{name}"] for name in Record._fields))
         evaluated = None
         if f"evaluated_{Generation._fields[0]}" in saved:

@@ -359,6 +359,8 @@ def test_a_search_says_what_it_replaces(tmp_path):
     (tmp_path / "run.json").write_text('{"settings": {}, "done": true}')
     assert "and 2 more files there" in replaced_words(settings)
     assert replaced_words(replace(settings, resume=True)) == ""
+    (tmp_path / "run.json").write_text("damaged")
+    assert "and 2 more files there" in replaced_words(replace(settings, restart=True))
 
 
 def test_a_search_says_before_it_begins_that_its_gaits_are_late():

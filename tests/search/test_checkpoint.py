@@ -205,10 +205,22 @@ def test_a_state_whose_numbers_are_overwritten_is_refused(tmp_path):
         pass
 
 
-def test_settings_of_something_else_are_refused(tmp_path):
-    (tmp_path / "run.json").write_text('{"done": false}')
-    with pytest.raises(InputError, match=r"run\.json: has no settings; expected"), open_checkpoint(tmp_path, SETTINGS):
-        pass
+@pytest.mark.parametrize(
+    ("content", "fault"),
+    [("", "not JSON: Expecting value"), ("[]", "holds no JSON object"), ('{"done": false}', "has no settings")],
+)
+def test_settings_that_are_damaged_are_refused(tmp_path, content, fault):
+    """By their name, also where only it is asked what there is; to begin anew is still possible."""
+    (tmp_path / "run.json").write_text(content)
+    message = rf"run\.json: {fault}.*; expected a run of this version, or restart$"
+    for options in ({}, {"resume": True}):
+        with pytest.raises(InputError, match=message), open_checkpoint(tmp_path, SETTINGS, **options):
+            pass
+    with pytest.raises(InputError, match=message):
+        holds_unfinished(tmp_path)
+    with open_checkpoint(tmp_path, SETTINGS, restart=True) as checkpoint:
+        assert checkpoint.states == ()
+    assert not holds_unfinished(tmp_path)
 
 
 def test_files_that_were_never_finished_are_removed(tmp_path):
