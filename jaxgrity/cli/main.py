@@ -42,6 +42,8 @@ COMMANDS = [command_of(get_args(each)[0]) for each in get_args(Chosen)]
 @while_read()
 def main() -> None:
     """The entry point of the command `jaxgrity`."""
+    if sys.argv[1:2] == ["help"]:
+        sys.argv[1:] = [*sys.argv[2:], "--help"]
     first = sys.argv[1] if len(sys.argv) > 1 else ""
     if first == "--version":
         print(f"jaxgrity {metadata.version('jaxgrity')}")

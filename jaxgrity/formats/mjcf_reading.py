@@ -12,7 +12,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges
-from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, some_of, together
+from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, read_limited, some_of, together
 from jaxgrity.formats.mjcf_bodies import carried, is_free, rigid_bodies, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
 from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, outer_joints, shared_nodes
@@ -69,6 +69,7 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
     """
     if importlib.util.find_spec("mujoco") is None:
         raise InputError(f"{path}: reading MuJoCo models needs mujoco; expected: pip install 'jaxgrity[peer]'")
+    read_limited(path)  # what it refuses has the file's name already
     text = ""
     try:
         text = mjcf_text(Path(path))

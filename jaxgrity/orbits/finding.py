@@ -89,8 +89,10 @@ class Orbit(NamedTuple):
 
 
 def period_of(gait: Gait | None) -> float:
-    """Period of actuation, s. Raises `InputError` if actuators do not share one."""
-    frequencies = np.unique(np.asarray(gait.frequency, float)) if gait is not None else np.zeros(0)
+    """Period of actuation, s. Raises `InputError` without a gait, or if actuators do not share one."""
+    if gait is None:
+        raise InputError("the scene has no gait, and so no orbit; pass jaxgrity.with_gait(scene, gait)")
+    frequencies = np.unique(np.asarray(gait.frequency, float))
     if frequencies.size != 1 or not frequencies[0] > 0:
         raise InputError(f"frequencies {frequencies.tolist()} Hz: expected one that all actuators share, for an orbit")
     return float(1 / frequencies[0])
@@ -101,7 +103,7 @@ def shortest_watch(gait: Gait | None) -> float:
 
     Raises `InputError` as `period_of` does.
     """
-    return (_first_period(gait) + FEWEST_PERIODS) * period_of(gait)
+    return period_of(gait) * (_first_period(gait) + FEWEST_PERIODS)
 
 
 @typed

@@ -129,6 +129,18 @@ def test_the_version_is_that_of_the_package(capsys, monkeypatch):
     assert "--version" in main.__doc__
 
 
+@pytest.mark.parametrize("command", [(), ("simulate",)])
+def test_help_is_a_word_too(command, capsys, monkeypatch):
+    """Before a command's name, or alone."""
+    said = []
+    for words in (("help", *command), (*command, "--help")):
+        monkeypatch.setattr(sys, "argv", ["jaxgrity", *words])
+        with pytest.raises(SystemExit):
+            main.main()
+        said.append(capsys.readouterr().out)
+    assert said[0] == said[1] != ""
+
+
 @pytest.mark.slow
 def test_the_first_word_comes_before_jax():
     """A command says its name as soon as its settings are read; its modules are imported after that."""

@@ -278,6 +278,15 @@ def test_a_motion_whose_numbers_are_overwritten_is_refused(tmp_path):
         load_trajectory(path)
 
 
+@pytest.mark.parametrize("ending", [".toml", ".yaml", ".csv", ".mat", ".xml"])
+def test_a_missing_file_is_named_once(ending, tmp_path):
+    if ending == ".xml":
+        pytest.importorskip("mujoco")
+    with pytest.raises(InputError) as refused:
+        read_any(tmp_path / f"missing{ending}")
+    assert str(refused.value).count(str(tmp_path)) == 1
+
+
 def test_every_kind_of_file_by_its_ending(tmp_path):
     """What can be both written and read comes back; the rest is refused with the endings that can."""
     scene = parse_scene(PRISM.replace("mass = [0.1, 0.2, 0.3]\n", "").replace("5, 0]", "5, 6]"))

@@ -26,7 +26,7 @@ from jaxgrity.orbits import (
     stability,
 )
 from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, plane_of, way_along
-from jaxgrity.orbits.finding import in_step, restarted
+from jaxgrity.orbits.finding import in_step, restarted, shortest_watch
 from jaxgrity.populations.motion_kinds import LASTING, rolling
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.uncertainty import Differences
@@ -205,6 +205,9 @@ def test_only_gaits_of_one_frequency_have_orbits(exact):
     two = Gait((0, 1), [0.0, 0], [0.1, 0.1], [0.5, 0.7])
     with pytest.raises(InputError, match=r"frequencies \[0.5, 0.7\] Hz: expected one that all actuators share"):
         find_orbit(with_gait(exact, two))
+    for asked in (lambda: find_orbit(with_gait(exact, None)), lambda: shortest_watch(None)):
+        with pytest.raises(InputError, match=r"the scene has no gait, and so no orbit; pass jaxgrity.with_gait\("):
+            asked()
     with pytest.raises(InputError, match=r"duration = 10 s: expected at least .* s, to see cycles"):
         find_orbit(exact, 10.0)
 
