@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxgrity.core.typed import typed
 from jaxgrity.model.scene import Scene
-from jaxgrity.orbits.finding import Orbit, find_orbit
+from jaxgrity.orbits.finding import Orbit, check_periodic, find_orbit
 from jaxgrity.orbits.one_cycle import OrbitCycle, orbit_cycle
 from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
@@ -83,6 +83,7 @@ def orbit_error_bars(
 
 def _refined(scene: Scene, duration: float, options: Options) -> list[tuple[Orbit, ResolvedOptions]]:
     """Orbits at the step, its half and its quarter."""
+    check_periodic(scene, duration)
     resolved = resolve(scene, duration, options, dtype="float64")
     return [(find_orbit(scene, duration, options=each), each) for each in resolved.refined()]
 

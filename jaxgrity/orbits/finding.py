@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
+from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
@@ -88,11 +89,15 @@ class Orbit(NamedTuple):
         return found | {"slowest_window": slowest, "body_lengths_per_second": lengths, "settled": self.settled}
 
 
-def period_of(gait: Gait | None) -> float:
-    """Period of actuation, s. Raises `InputError` without a gait, or if actuators do not share one."""
+def _given(gait: Gait | None) -> Gait:
     if gait is None:
         raise InputError("the scene has no gait, and so no orbit; pass jaxgrity.with_gait(scene, gait)")
-    frequencies = np.unique(np.asarray(gait.frequency, float))
+    return gait
+
+
+def period_of(gait: Gait | None) -> float:
+    """Period of actuation, s. Raises `InputError` without a gait, or if actuators do not share one."""
+    frequencies = np.unique(np.asarray(_given(gait).frequency, float))
     if frequencies.size != 1 or not frequencies[0] > 0:
         raise InputError(f"frequencies {frequencies.tolist()} Hz: expected one that all actuators share, for an orbit")
     return float(1 / frequencies[0])
@@ -139,16 +144,31 @@ def find_orbit(
         (True, True)
     """
     refuse_traced((scene, duration), "find_orbit")
-    period = period_of(scene.gait)
-    if scene.shaking is not None:
-        raise InputError("shaking: supports that move keep no time with the gait; expected none, for an orbit")
-    if duration < (least := shortest_watch(scene.gait)):
-        raise InputError(f"duration = {duration:g} s: expected at least {least:.4g} s, to see cycles of this gait")
-    count, plane, first = int(duration / period + 1e-9), plane_of(scene), _first_period(scene.gait)
+    plane, period = check_periodic(scene, duration), period_of(scene.gait)
+    count, first = int(duration / period + 1e-9), _first_period(scene.gait)
     here, v = (scene, None) if beginning is None else (restarted(scene, beginning), beginning.state[1])
     chosen = in_step(scene, period, options)
     trajectory = simulate(here, count * period, options=chosen, frame_rate=FRAMES / period, velocities=v)
     return _orbit(scene, trajectory, period, plane, first if beginning is None else 0)
+
+
+def check_periodic(scene: Scene, duration: float) -> Plane:
+    """The plane of a scene whose motion can repeat itself in that time, s. Raises `InputError` as `find_orbit` does."""
+    period_of(scene.gait)
+    if scene.shaking is not None:
+        raise InputError("shaking: supports that move keep no time with the gait; expected none, for an orbit")
+    if check_number("duration", duration, above=0.0, unit="s") < (least := shortest_watch(scene.gait)):
+        raise InputError(f"duration = {duration:g} s: expected at least {least:.4g} s, to see cycles of this gait")
+    return plane_of(scene)
+
+
+def check_orbit(scene: Scene, orbit: Orbit) -> Gait:
+    """The scene's gait. Raises `InputError` without one, and for an orbit that failed, or that of another robot."""
+    if not orbit.verified_for:
+        raise InputError("orbit: its rollout failed; expected one that was watched to the end")
+    if (shape := np.shape(orbit.state[0])) != np.shape(scene.structure.nodes):
+        raise InputError(f"orbit: it has {shape[0]} nodes; expected {len(scene.structure.nodes)}, those of the scene")
+    return _given(scene.gait)
 
 
 @typed
@@ -156,12 +176,12 @@ def restarted(scene: Scene, orbit: Orbit) -> Scene:
     """The scene with the nodes of `Orbit.state`, and with the gait at full amplitude from the start.
 
     The state is a whole number of periods after t = 0, so the gait continues as before. So do motors and pushes, and
-    laws of your own that say what they do `later`.
+    laws of your own that say what they do `later`. Raises `InputError` without a gait, and for an orbit that failed, or
+    that of another robot.
     """
-    scene = _later(scene, orbit.verified_for)
-    assert scene.gait is not None, "an orbit has a gait"
+    gait, scene = check_orbit(scene, orbit), _later(scene, orbit.verified_for)
     # the ramp ends nine periods before t = 0, so that all of the rollout is at full amplitude
-    running = replace(scene.gait, start=np.array(-10.0 * orbit.period), ramp=np.array(orbit.period))
+    running = replace(gait, start=np.array(-10.0 * orbit.period), ramp=np.array(orbit.period))
     return with_gait(eqx.tree_at(lambda s: s.structure.nodes, with_gait(scene, None), orbit.state[0]), running)
 
 
@@ -176,7 +196,7 @@ def _later(scene: Scene, seconds: float) -> Scene:
 
 def _first_period(gait: Gait | None) -> int:
     """The number of the first period that begins at full amplitude."""
-    assert gait is not None, "`period_of` refuses a scene without a gait"
+    gait = _given(gait)
     return int(np.ceil(float(gait.start + gait.ramp) / period_of(gait) - 1e-9))
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Complex, Float
 
+from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
@@ -89,10 +90,8 @@ def floquet_multipliers(
     period_of(scene.gait)
     if scene.structure.fixed:
         raise InputError("floquet_multipliers: the structure has supports, and moves nowhere; expected one without")
-    if not orbit.verified_for:
-        raise InputError("orbit: its rollout failed; expected one that was watched to the end")
-    if after is not None and after < 0:
-        raise InputError(f"after = {after}: expected 0 periods or more")
+    if after is not None:
+        check_count("after", after, 0)
     here, plane = restarted(scene, orbit), plane_of(scene)
     chosen = resolve(here, orbit.period, in_step(scene, orbit.period, options))
     assert chosen.dt is not None, "`in_step` gives a step"

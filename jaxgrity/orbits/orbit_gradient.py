@@ -18,14 +18,14 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
-from jaxgrity.core.errors import InputError
+from jaxgrity.core.arguments import check_count
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Count, PerActuator, Scalar
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_gait
 from jaxgrity.orbits.cycles import Plane, plane_of, turned_by, way_along
-from jaxgrity.orbits.finding import FRAMES, Orbit, in_step, period_of, restarted
+from jaxgrity.orbits.finding import FRAMES, Orbit, check_orbit, in_step, period_of, restarted
 from jaxgrity.stepping.complementarity import ImpulseState
 from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
 from jaxgrity.stepping.loop import Carried, carried_at, numbered, repeated
@@ -112,9 +112,8 @@ def speed_gradient(
         >>> bool(abs(found.speed - orbit.speed) < 1e-6), found.of_speed.phase.shape  # m/s
         (True, (6,))
     """
-    period_of(scene.gait)
-    assert scene.gait is not None, "`period_of` refuses a scene without a gait"
-    at, unravel = ravel_pytree(numbers_of(scene.gait))
+    _checked(scene, orbit, most_cycles)
+    at, unravel = ravel_pytree(numbers_of(check_orbit(scene, orbit)))
     found = derivatives_along(scene, orbit, np.eye(at.size), options=options, most_cycles=most_cycles)
     of_speed, of_turning = (jax.tree.map(np.asarray, unravel(jnp.asarray(column))) for column in found.rows.T)
     return SpeedGradient(*found.told, of_speed, of_turning, found.change, found.cycles)
@@ -148,17 +147,12 @@ def derivatives_along(
 
     The cost is one tangent for each direction. Raises `InputError` as `speed_gradient` does.
     """
-    if not orbit.verified_for:
-        raise InputError("orbit: its rollout failed; expected one that was watched to the end")
-    if most_cycles < FEWEST_CYCLES:
-        expected = f"expected at least {FEWEST_CYCLES}, to see whether tangents settle"
-        raise InputError(f"most_cycles = {most_cycles}: {expected}")
-    here = restarted(scene, orbit)
+    plane, here = _checked(scene, orbit, most_cycles), restarted(scene, orbit)
     chosen = resolve(here, orbit.period, in_step(scene, orbit.period, options))
     assert chosen.dt is not None, "`in_step` gives a step"
     here, steps = as_dtype(here, "float64"), round(orbit.period / FRAMES / float(chosen.dt))
     frames = orbit.periods * FRAMES
-    along, plane, carried = jnp.asarray(directions, float), plane_of(scene), _first(here, chosen, orbit)
+    along, carried = jnp.asarray(directions, float), _first(here, chosen, orbit)
     tangents = jax.tree.map(lambda x: jnp.zeros((len(along), *x.shape)), eqx.filter(carried, eqx.is_inexact_array))
     places, rows = [(carried[0][0], tangents[0][0])], np.full((len(along), 2), np.nan)
     best, cycles = Derivatives((np.nan, np.nan), rows, np.inf, 0), 0
@@ -176,6 +170,13 @@ def derivatives_along(
             # rounding takes over where an orbit repeats itself to the last digits: the best cycle counts
             best = Derivatives(told, rows, change, cycles) if change <= best.change else best
     return best._replace(cycles=cycles)
+
+
+def _checked(scene: Scene, orbit: Orbit, most_cycles: int) -> Plane:
+    """The plane of the scene. Raises `InputError` as `speed_gradient` does."""
+    check_count("most_cycles", most_cycles, FEWEST_CYCLES)
+    period_of(check_orbit(scene, orbit))
+    return plane_of(scene)
 
 
 def numbers_of(gait: Gait) -> GaitNumbers:

@@ -53,16 +53,19 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
         scene: the scene with the gait of the orbit.
         orbit: an orbit from `find_orbit` with the same options.
         options: solver options; by default the scene decides.
-        robots: number of disturbed robots.
+        robots: number of robots, the undisturbed one included.
         seed: seed of the disturbances.
 
     Returns:
         Multipliers, and the share of robots that return.
 
     Raises:
-        InputError: bad options (see `resolve`), a negative seed, or a scene without a gait.
+        InputError: bad options (see `resolve`), fewer than two robots, a negative seed, an orbit as for `restarted`, or
+            a ground that is no plane.
     """
     period_of(scene.gait)
+    check_count("robots", robots, 2)
+    plane = plane_of(scene)
     here, v = restarted(scene, orbit), orbit.state[1]
     size = DISTURBANCE * float(speed_scale(scene))
     deviates = np.random.default_rng(check_count("seed", seed, 0)).normal(0, size, (robots, *v.shape))
@@ -76,7 +79,7 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
     for cycles in (1, 2):
         outcomes = simulate_population(here, gaits, cycles * orbit.cycle, options=chosen, differences=differences)
         ends.append(np.where((np.asarray(outcomes.failure) == 0)[:, None, None], outcomes.positions, np.nan))
-    mass, plane = np.asarray(scene.structure.lumped_mass, float), plane_of(scene)
+    mass = np.asarray(scene.structure.lumped_mass, float)
     levelled = (end @ plane.axes for end in ends)
     d1, d2 = (np.array([moved_onto(mass, x, end[0], plane)[0] - end[0] for x in end]) for end in levelled)
     return _stability(d1[1:], d2[1:], orbit.body_length)

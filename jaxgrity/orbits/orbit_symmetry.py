@@ -14,7 +14,7 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.symmetry import gene_permutations, symmetries
 from jaxgrity.orbits.cycles import RETURNED, Plane, plane_of, shape
-from jaxgrity.orbits.finding import Orbit, in_step, restarted
+from jaxgrity.orbits.finding import Orbit, check_orbit, in_step, restarted
 from jaxgrity.stepping.options import Options
 from jaxgrity.stepping.simulate import simulate
 
@@ -66,11 +66,11 @@ def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repeti
         >>> round(orbit.cycle / found.time)  # times in a cycle
         6
     """
-    assert scene.gait is not None, "an orbit has a gait"
+    gait, plane = check_orbit(scene, orbit), plane_of(scene)
     found = [
         (share, symmetry.nodes)
         for symmetry in symmetries(scene.structure)
-        if (share := _shift(scene.gait, gene_permutations(scene.gait.members, (symmetry,)))) is not None
+        if (share := _shift(gait, gene_permutations(gait.members, (symmetry,)))) is not None
     ]
     frames = 4 * lcm(*(share.denominator for share, _ in found))
     here = restarted(scene, orbit)
@@ -80,7 +80,7 @@ def repetition(scene: Scene, orbit: Orbit, *, options: Options = None) -> Repeti
     whole = Repetition(orbit.cycle, tuple(range(len(scene.structure.nodes))), orbit.residual)
     if trajectory.failed:
         return whole
-    long, plane = frames * orbit.periods, plane_of(scene)
+    long = frames * orbit.periods
     q = np.asarray(trajectory.positions, float)[-2 * long :] @ plane.axes
     limit = RETURNED * _change(q, plane, long, whole.nodes) + SAME_SHAPE * orbit.body_length
     lags = [(m * frames + int(share * frames), nodes) for share, nodes in found for m in range(orbit.periods)]
@@ -114,8 +114,10 @@ def distance_from_orbit(
             (see `symmetries`).
     """
     nodes = np.shape(scene.structure.nodes)
-    if np.ndim(positions) != 3 or np.shape(positions)[1:] != nodes:
-        raise InputError(f"positions have shape {np.shape(positions)}; expected (robots, {nodes[0]}, 3)")
+    if np.ndim(positions) != 3 or np.shape(positions)[1:] != nodes or not len(positions):
+        raise InputError(
+            f"positions have shape {np.shape(positions)}; expected (robots, {nodes[0]}, 3), at least one robot"
+        )
     here, plane = restarted(scene, orbit), plane_of(scene)
     chosen, rate = in_step(scene, orbit.period / MOMENTS, options), MOMENTS / orbit.period
     trajectory = simulate(here, orbit.cycle, options=chosen, frame_rate=rate, velocities=orbit.state[1])

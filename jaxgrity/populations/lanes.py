@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Count, Scalar, State
 from jaxgrity.model.actuation import Gait
@@ -198,6 +199,9 @@ def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) 
     `gaits` and `differences` have lanes last already. All arrays get the axis: with a mixture, JAX's rules for
     elementwise operations would move it to the front. Scales are those of the scene, one number for all robots.
     """
+    if np.shape(gaits.phase)[:-1] != (len(gaits.members),):
+        expected = f"expected ({len(gaits.members)}, robots), as lanes_last gives it"
+        raise InputError(f"gaits.phase has shape {np.shape(gaits.phase)}; {expected}")
     scene, lanes = with_scales(scene), gaits.phase.shape[-1]
     spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if x.ndim else x, scene)
     spread = differing(eqx.tree_at(lambda s: s.gait, spread, gaits, is_leaf=lambda x: x is None), differences)

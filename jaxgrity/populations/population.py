@@ -24,7 +24,7 @@ from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.populations.lanes import most_lanes, roll_out_lanes
 from jaxgrity.populations.metrics import Metrics
-from jaxgrity.populations.uncertainty import Differences
+from jaxgrity.populations.uncertainty import Differences, check_many
 from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, resolve
 from jaxgrity.stepping.starts import check_known_velocities
 
@@ -84,7 +84,7 @@ def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, f
 
     count = len(gait.members)
     for name, given in (("phase", phase), ("amplitude", amplitude), ("frequency", frequency)):
-        if given is not None and (np.ndim(given) != 2 or np.shape(given)[1] != count):
+        if (given is not None or name == "phase") and (np.ndim(given) != 2 or np.shape(given)[1] != count):
             raise InputError(f"{name} has shape {np.shape(given)}; expected (gaits, {count}), one per actuated member")
         if given is not None and np.shape(given) != np.shape(phase):
             raise InputError(f"{name} has {len(given)} rows; expected {len(phase)}, as many as phase has")
@@ -96,8 +96,7 @@ def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, f
 @typed
 def one_gait(gaits: Gait, k: int) -> Gait:
     """Gait number `k` of a population, from 0 on. Raises `InputError` if there is none."""
-    if np.ndim(gaits.phase) != 2:
-        raise InputError(f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), many gaits")
+    check_many(gaits)
     if not traced(k):
         check_index("k", np.asarray(k)[()], len(gaits.phase))
     return jax.tree.map(lambda x: x[k] if np.ndim(x) else x, gaits)
@@ -105,7 +104,9 @@ def one_gait(gaits: Gait, k: int) -> Gait:
 
 @typed
 def as_population(gait: Gait) -> Gait:
-    """A population of one gait."""
+    """A population of one gait. Raises `InputError` for one that is a population already."""
+    if np.ndim(gait.phase) != 1:
+        raise InputError(f"gait.phase has shape {np.shape(gait.phase)}; expected (actuators,), one gait")
     return jax.tree.map(lambda x: np.asarray(x)[None] if np.ndim(x) else x, gait)
 
 
@@ -148,21 +149,18 @@ def simulate_population(
         >>> outcomes.distance().shape  # m
         (3,)
     """
-    if np.ndim(gaits.phase) != 2 or len(gaits.phase) == 0:
-        raise InputError(
-            f"gaits.phase has shape {np.shape(gaits.phase)}; expected (gaits, actuators), one gait or more"
-        )
+    check_many(gaits)
     check_number("duration", duration, above=0.0, unit="s")
     check_count("parts", parts, 1)
     if differences is not None:
         differences.check(scene, len(gaits.phase))
         if differences.velocities is not None:
             check_known_velocities(scene, differences.velocities)
-    x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
-    common = _common(scene, _at_start(scene, gaits), options, x64)
     end, asked = np.asarray(duration, float), with_metrics
     if not isinstance(asked, bool) and not 0 <= float(asked) < float(duration):
         raise InputError(f"with_metrics = {asked}: expected True, False, or a time, s, from 0 to before the end")
+    x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
+    common = _common(scene, _at_start(scene, gaits), options, x64)
     measured = asked if isinstance(asked, bool) else np.asarray(asked, float)
     outcomes = roll_out(common.scene, gaits, end, common.inputs, differences, with_metrics=measured, parts=parts)
     return replace(outcomes, dt=common.dt)  # type: ignore[arg-type]
@@ -225,6 +223,7 @@ def roll_out(
     """`simulate_population` without checks, of a scene with one of the gaits, for other compiled functions."""
     if with_metrics is not False and (options.dt is None or options.method.implicit):
         raise InputError(f"method = {options.method.name!r}: expected an explicit one at a fixed step, for metrics")
+    check_many(gaits)
     size = gaits.phase.shape[0]
     # lineax's linear solve, inside implicit methods, cannot be traced under shard_map
     devices = 1 if options.method.implicit else jax.device_count()

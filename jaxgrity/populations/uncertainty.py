@@ -87,11 +87,14 @@ class Differences(eqx.Module):
         sizes |= {name: len(members.edges) for name, members, _ in structure.numbered}
         for name, value in vars(self).items():
             expected = (robots, *(sizes.get(size, size) for size in ROWS.get(name, ("cables",))))
-            # a factor that is one number is common to all; what the scene lacks is refused by `differing`
+            # a factor that is one number is common to all
             allowed = (expected, ()) if name in DIFFERING else (expected,)
-            if value is not None and 0 not in expected and np.shape(value) not in allowed:
-                said = f"expected {expected}, a row for each robot"
-                raise InputError(f"differences.{name} has shape {np.shape(value)}; {said}")
+            if value is not None and name in DIFFERING:
+                _modelled(scene, name)
+            if value is not None and np.shape(value) not in allowed:
+                raise InputError(
+                    f"differences.{name} has shape {np.shape(value)}; expected {expected}, a row for each robot"
+                )
         if self.terrain is not None and getattr(scene.ground, "surface", None) is None:
             raise InputError("differences.terrain: the scene's ground has no surface to move; expected one")
 
@@ -110,18 +113,21 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
             scene = eqx.tree_at(lambda s: s.structure.nodes, scene, value)
             continue
         if name in PLACED:
-            place = partial(part_of, path=PLACED[name])
-            scene = eqx.tree_at(place, scene, value, is_leaf=lambda x: x is None)
+            scene = eqx.tree_at(partial(part_of, path=PLACED[name]), scene, value, is_leaf=lambda x: x is None)
             continue
-        parts = [part for part in DIFFERING[name] if part_of(scene, part) is not None]
-        if not parts:
-            lacking = "robots cannot differ in it, since the scene does not model it"
-            raise InputError(f"{name}: {lacking}; expected it there")
         nodes = len(scene.structure.nodes)
         factor = jnp.broadcast_to(value[None], (nodes, *jnp.shape(value))) if name == "friction" else value
-        for part in parts:
+        for part in _modelled(scene, name):
             scene = eqx.tree_at(partial(part_of, path=part), scene, part_of(scene, part) * factor)
     return scene
+
+
+def _modelled(scene: Scene, name: str) -> list[str]:
+    """Parts of the scene that one of the `Differences` multiplies. Raises `InputError` where there are none."""
+    parts = [part for part in DIFFERING[name] if part_of(scene, part) is not None]
+    if not parts:
+        raise InputError(f"{name}: robots cannot differ in it, since the scene does not model it; expected it there")
+    return parts
 
 
 def part_of(scene: Any, path: str) -> Any:
@@ -164,11 +170,9 @@ class Uncertainty(eqx.Module):
     def __check_init__(self):
         for name, value in vars(self).items():
             half_width = check_number(f"uncertainty.{name}", value, least=0.0)
-            if not half_width < LESS_THAN.get(name, 1):
-                raise InputError(
-                    f"uncertainty.{name} = {value}: expected a half-width of at least 0 and below "
-                    f"{LESS_THAN.get(name, 1):.3g}"
-                )
+            if not half_width < (most := LESS_THAN.get(name, 1)):
+                expected = f"expected a half-width of at least 0 and below {most:.3g}"
+                raise InputError(f"uncertainty.{name} = {value}: {expected}")
 
     @property
     def none(self) -> bool:
@@ -188,9 +192,12 @@ def ensemble(
     """
     check_key(key)
     check_count("count", count, 1)
+    check_many(gaits)
+    asked = tuple(name for name, half_width in vars(uncertainty).items() if half_width)
+    for name in [name for name in asked if name in DIFFERING]:
+        _modelled(scene, name)
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
     rows = count if common else count * size
-    asked = tuple(name for name, half_width in vars(uncertainty).items() if half_width)
     between = _uniform(key, asked, actuators, len(scene.structure.nodes), -(-rows // 2), dtype)
     xp = namespace_of(gaits.phase)
     precise = float if xp is np else dtype  # NumPy rounds once, at the end
@@ -208,12 +215,17 @@ def ensemble(
         many = waves_ahead(many, each(draw("phase")))
     if uncertainty.actuation:
         check_strokes(gaits.amplitude, uncertainty)
-        scaled = many.amplitude * each((1 + draw("actuation")).astype(dtype))
-        many = eqx.tree_at(lambda g: g.amplitude, many, scaled)
+        many = eqx.tree_at(lambda g: g.amplitude, many, many.amplitude * each((1 + draw("actuation")).astype(dtype)))
     if uncertainty.prestress:
         check_linear(scene, 1 + uncertainty.prestress, f"uncertainty.prestress = {uncertainty.prestress:g}")
     found = _differences(key, scene, {name: draw(name) for name in asked}, dtype)
     return many, Differences(**{name: each(drawn) for name, drawn in found.items()})
+
+
+def check_many(gaits: Gait) -> None:
+    """Raises `InputError` for a single gait, or none, where a population of them is expected."""
+    if len(shape := np.shape(gaits.phase)) != 2 or not shape[0]:
+        raise InputError(f"gaits.phase has shape {shape}; expected (gaits, actuators), one gait or more")
 
 
 def check_strokes(amplitude: AnyArray | float, uncertainty: Uncertainty) -> None:
@@ -228,18 +240,12 @@ def check_strokes(amplitude: AnyArray | float, uncertainty: Uncertainty) -> None
 
 def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype) -> dict[str, AnyArray]:
     """The fields of `Differences` from the draws, a row for each robot."""
-    found = {}
-    if "friction" in drawn:
-        if scene.friction is None:
-            raise InputError("friction: robots cannot differ in it, since the scene does not model it; expected it")
-        found["friction"] = (1 + drawn["friction"]).astype(dtype)
+    found = {name: (1 + drawn[name]).astype(dtype) for name in ("friction", "node_mass") if name in drawn}
     if "cable_stiffness" in drawn:
         factors = (1 + drawn["cable_stiffness"]).astype(dtype)
-        found["cable_stiffness"] = factors.repeat(len(_cables(scene).edges), axis=1)
+        found["cable_stiffness"] = factors.repeat(len(part_of(scene, "structure.cables").edges), axis=1)
     if "prestress" in drawn:
         found["cable_rest_length"] = slackened(scene, drawn["prestress"].astype(dtype))
-    if "node_mass" in drawn:
-        found["node_mass"] = (1 + drawn["node_mass"]).astype(dtype)
     if "slope" in drawn:
         if scene.up is not None:
             raise InputError("slope: scene.up leans already; expected a scene with ground.incline")
@@ -266,7 +272,8 @@ def _uniform(
 
 def slackened(scene: Scene, share: AnyArray) -> AnyArray:
     """(robots, cables), the factors of rest lengths that raise tensions in the built shape by a share (robots, 1)."""
-    cables, nodes = _cables(scene), jnp.asarray(scene.structure.nodes, share.dtype)
+    _modelled(scene, "cable_rest_length")
+    cables, nodes = part_of(scene, "structure.cables"), jnp.asarray(scene.structure.nodes, share.dtype)
     return 1 - share * (path_lengths(cables, edge_vectors(nodes, cables.edges), nodes) / cables.rest_length - 1)
 
 
@@ -281,8 +288,7 @@ def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
     """(robots, 3), m: the surface's place, moved by (robots, 2), and up or down: starts stay as high above it."""
     ground = scene.ground
     if ground is None or ground.surface is None:
-        lacking = "robots cannot differ in it, since the ground is a plane or missing"
-        raise InputError(f"terrain: {lacking}; expected a surface")
+        raise InputError("terrain: robots cannot differ in it, since there is a plane or no ground; expected a surface")
     if ground.balls is not None or radii_along_struts(scene):
         what = "balls" if ground.balls is not None else "contact along struts"
         raise InputError(f"terrain: robots with {what} would start in the ground; expected terrain = 0, or no {what}")
@@ -291,9 +297,3 @@ def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
     above = z - ground.surface.height(x, y)
     there = z - ground.surface.height(x - moved[:, :1], y - moved[:, 1:])
     return own + jnp.concatenate([moved, (there.min(1) - above.min())[:, None]], axis=1)
-
-
-def _cables(scene: Scene):
-    if scene.structure.cables is None:
-        raise InputError("cables: robots cannot differ in them, since the scene has none; expected [cables]")
-    return scene.structure.cables

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.arguments import check_count, check_number
@@ -156,7 +155,12 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     size, speed = (float(length_scale(scene)), float(speed_scale(scene))) if concrete else (1.0, 1.0)
     rtol, atol = _tolerances(given, method, dtype, min(size, speed))
     _check_method(scene, method)
-    sweeps = _sweeps(given, method, dtype, size)
+    sweeps, coupled = _sweeps(given, method, dtype, size), _coupled(scene, given, method, concrete)
+    if coupled and given.sweeps is not None:
+        without = "none" if _must_be_coupled(scene) else "none, or coupled = False"
+        raise InputError(
+            f"sweeps = {given.sweeps}: this scene's struts and contacts are solved together; expected {without}"
+        )
     dt = given.dt
     if dt is None and not method.adaptive:
         dt = _default_step(scene, method)
@@ -170,12 +174,6 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
             _check_sees_pushes(scene, method, dt)
     # plain numbers, so that they are compiled in: `jax.jit` would make NumPy numbers inputs of the program
     dt, rtol, atol = jax.tree.map(float, (dt, rtol, atol))
-    coupled = _coupled(scene, given, method, concrete)
-    if coupled and given.sweeps is not None:
-        without = "none" if _must_be_coupled(scene) else "none, or coupled = False"
-        raise InputError(
-            f"sweeps = {given.sweeps}: this scene's struts and contacts are solved together; expected {without}"
-        )
     return ResolvedOptions(method, dt, dtype, rtol, atol, sweeps, given.strut_tolerance, coupled, given.max_steps)
 
 
@@ -223,7 +221,7 @@ def options_anew(scene: Scene, method: str, dt: float, dtype: str) -> ResolvedOp
 
 
 def _dtype(given: str | None, x64: bool) -> str:
-    dtype = given or str(jnp.zeros(()).dtype)
+    dtype = given or ("float64" if x64 else "float32")
     if dtype not in ("float32", "float64"):
         raise InputError(f"dtype = {dtype!r}: expected 'float32' or 'float64'")
     if dtype == "float64" and not x64:

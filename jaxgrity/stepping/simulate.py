@@ -83,6 +83,17 @@ class Trajectory(eqx.Module):
         return of_report("notebook", "trajectory_html")(self)
 
 
+def check_motion(scene: Scene, trajectory: Trajectory) -> None:
+    """Raises `InputError` for a motion of another robot, without frames, or with times that do not grow."""
+    count, nodes = np.size(trajectory.times), len(scene.structure.nodes)
+    for name in ("positions", "velocities"):
+        if np.shape(getattr(trajectory, name)) != (count, nodes, 3):
+            found = f"trajectory.{name} has shape {np.shape(getattr(trajectory, name))}"
+            raise InputError(f"{found}; expected ({count}, {nodes}, 3): a motion of this scene")
+    if not count or not np.all(np.diff(np.asarray(trajectory.times)) > 0):
+        raise InputError(f"trajectory.times has {count} numbers; expected one or more, and that they grow")
+
+
 def driven(scene: Scene, trajectory: Trajectory) -> Scene:
     """The scene with the rest lengths that its members had in this motion: in a closed loop the scene has no gait."""
     return scene if trajectory.commands is None else with_commands(scene, trajectory.commands)

@@ -142,6 +142,23 @@ def test_help_is_a_word_too(command, capsys, monkeypatch):
 
 
 @pytest.mark.slow
+def test_options_that_do_not_go_together_are_refused_before_anything_compiles():
+    """In a process of its own, which has no programs yet."""
+    code = """
+import jax
+from jaxgrity import InputError, SolverOptions, load_scene, simulate
+made, scene = [], load_scene("reference")
+jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: made.append(name))
+for given in ({"dt": 1e-4, "rtol": 1e-6}, {"method": "rk4", "atol": 1e-6}, {"method": "rk4", "coupled": True}):
+    try:
+        simulate(scene, 1.0, options=SolverOptions(**given))
+    except InputError:
+        print("/jax/core/compile/backend_compile_duration" in made)
+"""
+    assert of_own_process(code) == "False\nFalse\nFalse\n"
+
+
+@pytest.mark.slow
 def test_the_first_word_comes_before_jax():
     """A command says its name as soon as its settings are read; its modules are imported after that."""
     code = (

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -14,15 +15,20 @@ from jaxgrity import Gait, InputError, Motor, Push, SolverOptions, Trajectory, l
 from jaxgrity.model import symmetries, travelling_waves
 from jaxgrity.model.symmetry import gene_permutations
 from jaxgrity.orbits import (
+    closed_orbit,
     distance_from_orbit,
+    error_bars,
     find_orbit,
     finding,
+    floquet_multipliers,
     one_cycle,
     orbit_cycle,
     orbit_error_bars,
     orbit_stability,
     orbit_symmetry,
+    refined_orbit,
     repetition,
+    speed_gradient,
     stability,
 )
 from jaxgrity.orbits.cycles import MOST_PERIODS, Plane, plane_of, way_along
@@ -31,6 +37,7 @@ from jaxgrity.populations.motion_kinds import LASTING, rolling
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.dynamics import total_force
+from jaxgrity.stepping.options import options_anew
 
 PERIOD, SPEED, TURNING = 0.5, 0.8, 0.3
 LEVEL = Plane(np.eye(3), True)
@@ -210,6 +217,61 @@ def test_only_gaits_of_one_frequency_have_orbits(exact):
             asked()
     with pytest.raises(InputError, match=r"duration = 10 s: expected at least .* s, to see cycles"):
         find_orbit(exact, 10.0)
+    for duration in (np.nan, np.inf):
+        with pytest.raises(InputError, match=f"duration = {duration} s: expected a positive number"):
+            find_orbit(exact, duration)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("no gait", r"the scene has no gait, and so no orbit; pass jaxgrity.with_gait\("),
+        ("failed", "orbit: its rollout failed; expected one that was watched to the end"),
+        ("other robot", "orbit: it has 4 nodes; expected 12, those of the scene"),
+    ],
+)
+def test_what_is_asked_of_an_orbit_needs_the_orbit_of_the_scene(exact, wrong, message):
+    """Before a step is chosen for it."""
+    orbit = finding._orbit(exact, made_by_hand(exact, 1), PERIOD, LEVEL, 6)
+    scene = with_gait(exact, None) if wrong == "no gait" else exact
+    changed = {"failed": {"verified_for": 0.0}, "other robot": {"state": tuple(x[:4] for x in orbit.state)}}
+    orbit = orbit._replace(**changed.get(wrong, {}))
+    options = options_anew(exact, "complementarity", 5e-3, "float64")
+    for ask in (restarted, stability, orbit_cycle, repetition, floquet_multipliers, speed_gradient):
+        with pytest.raises(InputError, match=message):
+            ask(scene, orbit)
+    with pytest.raises(InputError, match=message):
+        closed_orbit(scene, orbit, options)
+    with pytest.raises(InputError, match=message):
+        distance_from_orbit(scene, orbit, np.zeros((1, *exact.structure.nodes.shape)))
+
+
+def test_counts_of_what_is_asked_of_an_orbit_are_whole_numbers(exact):
+    jaxtyping.config.update("jaxtyping_disable", True)  # for this test: its own refusals would come first
+    orbit = finding._orbit(exact, made_by_hand(exact, 1), PERIOD, LEVEL, 6)
+    for robots in (1, 0, -3, 16.0):
+        with pytest.raises(InputError, match=f"robots = {robots}: expected a whole number, at least 2"):
+            stability(exact, orbit, robots=robots)
+    with pytest.raises(InputError, match=r"after = 2\.0: expected a whole number, at least 0"):
+        floquet_multipliers(exact, orbit, after=2.0)
+    with pytest.raises(InputError, match=r"shape \(0, 12, 3\); expected \(robots, 12, 3\), at least one robot"):
+        distance_from_orbit(exact, orbit, np.zeros((0, 12, 3)))
+
+
+def test_orbits_are_on_a_plane_and_known_before_a_step_is_chosen(exact, monkeypatch):
+    """The step is what compiles first."""
+    hill = replace(exact, ground=replace(exact.ground, surface=jaxgrity.bumps(0.03, 0.8, 0)))
+    orbit = finding._orbit(exact, made_by_hand(exact, 1), PERIOD, LEVEL, 6)
+    for module in (finding, error_bars):
+        monkeypatch.setattr(module, "resolve", lambda *_, **__: pytest.fail("a step is chosen"))
+    for ask in (find_orbit, refined_orbit, orbit_error_bars):
+        with pytest.raises(InputError, match=r"ground.surface: expected a plane"):
+            ask(hill)
+        with pytest.raises(InputError, match="the scene has no gait, and so no orbit"):
+            ask(with_gait(exact, None))
+    for ask in (stability, speed_gradient, repetition):
+        with pytest.raises(InputError, match=r"ground.surface: expected a plane"):
+            ask(hill, orbit)
 
 
 @pytest.mark.parametrize(("frequency", "start"), [(0.5, 1.0), (0.3, 0.0), (2.0, 20.0)])

@@ -86,7 +86,7 @@ def test_orbits_without_multipliers_are_refused(crawler):
     scene, orbit, options = crawler
     with pytest.raises(InputError, match=r"^orbit: its rollout failed; expected one that was watched to the end"):
         floquet_multipliers(scene, orbit._replace(verified_for=0.0), options=options)
-    with pytest.raises(InputError, match=r"^after = -1: expected 0 periods or more"):
+    with pytest.raises(InputError, match=r"^after = -1: expected a whole number, at least 0"):
         floquet_multipliers(scene, orbit, options=options, after=-1)
 
 

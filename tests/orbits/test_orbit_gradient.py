@@ -58,5 +58,5 @@ def test_what_has_no_derivative_is_refused(crawler):
     scene, orbit, options = crawler
     with pytest.raises(InputError, match="orbit: its rollout failed; expected one that was watched to the end"):
         speed_gradient(scene, orbit._replace(verified_for=0.0), options=options)
-    with pytest.raises(InputError, match="most_cycles = 2: expected at least 3"):
+    with pytest.raises(InputError, match="most_cycles = 2: expected a whole number, at least 3"):
         speed_gradient(scene, orbit, options=options, most_cycles=2)

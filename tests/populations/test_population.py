@@ -5,11 +5,13 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -25,7 +27,9 @@ from jaxgrity import (
     Scene,
     SolverOptions,
     Structure,
+    Uncertainty,
     as_population,
+    ensemble,
     gaits_of,
     load_scene,
     one_gait,
@@ -39,7 +43,7 @@ from jaxgrity import (
 from jaxgrity.core.remembered import remembered
 from jaxgrity.model.bodies import rigid_body
 from jaxgrity.model.scene import as_dtype
-from jaxgrity.populations import population
+from jaxgrity.populations import population, roll_out
 from jaxgrity.populations.lanes import in_lanes, most_lanes, over_lanes
 from jaxgrity.stepping import resolve
 from jaxgrity.stepping.dynamics import vector_field
@@ -284,6 +288,8 @@ def test_bad_gaits_are_refused(reference):
     ("how", "message"),
     [
         (lambda: {"parts": 0}, "parts = 0: expected a whole number, at least 1"),
+        (lambda: {"with_metrics": np.nan}, "with_metrics = nan: expected True, False, or a time, s, from 0"),
+        (lambda: {"differences": Differences(friction=[1.0, 1.1])}, "friction: robots cannot differ in it, since the"),
         (
             lambda: {"differences": Differences(up=[[0, 0, 2.0], [0, 0, 1.0]])},
             "differences.up = .*: 2 long; expected a unit vector",
@@ -294,11 +300,14 @@ def test_bad_gaits_are_refused(reference):
         ),
     ],
 )
-def test_what_would_mean_nothing_is_refused(reference, how, message):
-    """No part, gravity of another size, and a plane that is moved along itself."""
+def test_what_would_mean_nothing_is_refused(reference, how, message, monkeypatch):
+    """No part, gravity of another size, a plane that is moved along itself, and friction that there is not; before
+    a step is chosen, which compiles."""
     gaits = gaits_of(reference.gait, np.zeros((2, 6)))
+    scene = replace(reference, friction=None)
+    monkeypatch.setattr(population, "resolve", lambda *_, **__: pytest.fail("a step is chosen"))
     with pytest.raises(InputError, match=message):
-        simulate_population(reference, gaits, 1.0, **how())
+        simulate_population(scene, gaits, 1.0, **how())
 
 
 def test_a_population_of_none_is_refused(reference):
@@ -311,10 +320,24 @@ def test_a_population_of_none_is_refused(reference):
     for k in (3, -1):  # for both JAX would take the last one
         with pytest.raises(InputError, match=rf"k = .*{k}.*: expected a whole number from 0 to 2"):
             one_gait(gaits_of(reference.gait, np.zeros((3, 6))), k)
-    with pytest.raises(InputError, match=r"gaits.phase has shape \(6,\); expected \(gaits, actuators\), many gaits"):
+    with pytest.raises(InputError, match=r"gaits.phase has shape \(6,\); expected \(gaits, actuators\), one gait or"):
         one_gait(reference.gait, 0)
-    with pytest.raises(InputError, match=r"gaits.phase has shape \(6,\); expected \(gaits, actuators\)"):
-        simulate_population(reference, reference.gait, 1.0)
+    single = r"gaits.phase has shape \(6,\); expected \(gaits, actuators\)"
+    for ask in (
+        lambda: simulate_population(reference, reference.gait, 1.0),
+        lambda: roll_out(reference, reference.gait, 1.0, resolve(reference)),
+        lambda: ensemble(jax.random.key(0), reference, reference.gait, Uncertainty(phase=0.1), 2),
+    ):
+        with pytest.raises(InputError, match=single):
+            ask()
+    many = gaits_of(reference.gait, np.zeros((3, 6)))
+    with pytest.raises(InputError, match=r"gait.phase has shape \(3, 6\); expected \(actuators,\), one gait"):
+        as_population(many)
+    with pytest.raises(InputError, match=r"gaits.phase has shape \(3, 6\); expected \(6, robots\), as lanes_last"):
+        in_lanes(reference, many)
+    jaxtyping.config.update("jaxtyping_disable", True)  # its own refusal would come first
+    with pytest.raises(InputError, match=r"phase has shape \(\); expected \(gaits, 6\)"):
+        gaits_of(reference.gait, None)
 
 
 @pytest.mark.slow

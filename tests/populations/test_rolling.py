@@ -4,6 +4,7 @@ import dataclasses
 import json
 
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -15,6 +16,7 @@ from jaxgrity import (
     Scene,
     Structure,
     Trajectory,
+    forces_along,
     gait_names,
     gait_record,
     load_gait,
@@ -25,6 +27,7 @@ from jaxgrity import (
 from jaxgrity.model import rigid_body
 from jaxgrity.model.balls import Balls
 from jaxgrity.orbits.motion_report import motion_report
+from jaxgrity.populations import rod_depths
 from jaxgrity.populations.motion_kinds import Rolling, faces, name_of_motion, rolling
 
 BODY = np.sqrt(5) / 2
@@ -282,6 +285,21 @@ def test_what_cannot_be_told_is_refused(exact, scene, lying):
         rolling(scene, motion(times, still.positions, still.velocities, failure=2))
     with pytest.raises(InputError, match=r"ends at 0\.9 s; expected at least two frames from 1 s on"):
         rolling(exact, still)
+
+
+@pytest.mark.parametrize("ask", [rolling, forces_along, rod_depths])
+def test_a_motion_of_another_robot_or_without_frames_is_refused(scene, lying, ask):
+    """As is one whose times do not grow."""
+    jaxtyping.config.update("jaxtyping_disable", True)  # for this test: its own refusals would come first
+    for times, nodes, message in (
+        ([0.0, 0.1], lying[:4], r"trajectory.positions has shape \(2, 4, 3\); expected \(2, 12, 3\): a motion of this"),
+        ([], lying, "trajectory.times has 0 numbers; expected one or more, and that they grow"),
+        ([0.0, np.nan], lying, "trajectory.times has 2 numbers; expected one or more, and that they grow"),
+        ([0.1, 0.1], lying, "trajectory.times has 2 numbers; expected one or more, and that they grow"),
+    ):
+        still = np.repeat(nodes[None], len(times), axis=0)
+        with pytest.raises(InputError, match=message):
+            ask(scene, motion(np.array(times), still, 0 * still))
 
 
 ROUNDS = np.linspace(0, 1, 400)[:, None]
