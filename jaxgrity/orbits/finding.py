@@ -134,8 +134,8 @@ def find_orbit(
         The orbit. `Orbit.settled` says whether there is one.
 
     Raises:
-        InputError: bad options (see `resolve`), actuators without a common frequency, a ground that is no plane,
-            supports that move, or a duration too short for two cycles.
+        InputError: bad options (see `resolve`), no gait, actuators without a common frequency, a ground that is no
+            plane, supports that move, or a duration too short for two cycles.
 
     Example:
         >>> scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), jaxgrity.load_gait("lasting"))
