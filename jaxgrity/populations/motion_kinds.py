@@ -147,8 +147,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     slipping = touching & (np.linalg.norm(along, axis=-1) > SLIPPING * speed)
     contact = np.trapezoid(touching.sum(1), times)
     slip_share = float(np.trapezoid(slipping.sum(1), times) / contact) if contact > 0 else 0.0
-    duration = float(times[-1] - times[0])
-    supported = touching.any(1) | _on_struts(scene, trajectory)[moving]
+    supported, duration = touching.any(1) | _on_struts(scene, trajectory)[moving], float(times[-1] - times[0])
     airborne_share = float(np.trapezoid(~supported * 1.0, times)) / duration
     path = centre_path(scene, trajectory)[moving, :2]
     path_length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
