@@ -240,7 +240,7 @@ def check_strokes(amplitude: AnyArray | float, uncertainty: Uncertainty) -> None
 
 def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype) -> dict[str, AnyArray]:
     """The fields of `Differences` from the draws, a row for each robot."""
-    found = {name: (1 + drawn[name]).astype(dtype) for name in ("friction", "node_mass") if name in drawn}
+    found = {name: (1 + drawn[name]).astype(dtype) for name in drawn if name in ("friction", "node_mass")}
     if "cable_stiffness" in drawn:
         factors = (1 + drawn["cable_stiffness"]).astype(dtype)
         found["cable_stiffness"] = factors.repeat(len(part_of(scene, "structure.cables").edges), axis=1)
