@@ -9,7 +9,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
 from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.simulate import Trajectory, check_motion
+from jaxgrity.stepping.simulate import Trajectory, check_frames
 
 
 @typed
@@ -36,7 +36,7 @@ def rod_depths(scene: Scene, trajectory: Trajectory, points: int = 15) -> PerMem
         True
     """
     check_count("points", points, 1)
-    check_motion(scene, trajectory)
+    check_frames(scene, trajectory)
     struts, ground = scene.structure.struts, scene.ground
     if struts is None or ground is None:
         return np.zeros(0 if struts is None else len(struts.edges))

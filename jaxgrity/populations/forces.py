@@ -21,7 +21,7 @@ from jaxgrity.stepping.discretisation import with_scales_and_mobility
 from jaxgrity.stepping.dynamics import acceleration, member_tensions, support_forces, total_force
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.rigid_multipliers import rigid_forces, rigid_pulls
-from jaxgrity.stepping.simulate import Trajectory, check_motion, driven, velocities_midway, with_room
+from jaxgrity.stepping.simulate import Trajectory, check_frames, driven, velocities_midway, with_room
 
 
 class Forces(NamedTuple):
@@ -71,7 +71,7 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
         ((51, 30), (51, 12, 3))
     """
     refuse_traced((scene, trajectory), "forces_along")
-    check_motion(scene, trajectory)
+    check_frames(scene, trajectory)
     dtype = str(trajectory.positions.dtype)
     scene = as_dtype(driven(scene, trajectory), dtype)
     v = velocities_midway(scene, trajectory)

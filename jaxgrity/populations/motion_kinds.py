@@ -20,7 +20,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
 from jaxgrity.populations.metrics import SLIPPING
 from jaxgrity.stepping.discretisation import FAILURES
-from jaxgrity.stepping.simulate import Trajectory, centre_path, check_motion, velocities_midway
+from jaxgrity.stepping.simulate import Trajectory, centre_path, check_frames, velocities_midway
 
 LASTING = 0.1
 """Time for which a face must stay the lowest before the robot stands on it, s for a body of one metre."""
@@ -127,7 +127,7 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
         raise InputError("this scene has no ground to roll on; expected [ground]")
     if trajectory.failed:
         raise InputError(f"the trajectory failed: {FAILURES[int(trajectory.failure)]}; expected one that succeeded")
-    check_motion(scene, trajectory)
+    check_frames(scene, trajectory)
     times = np.asarray(trajectory.times, float)
     start = 0.0 if scene.gait is None else float(scene.gait.start)
     size, speed, time = (float(each(scene)) for each in (length_scale, speed_scale, time_scale))

@@ -83,7 +83,7 @@ class Trajectory(eqx.Module):
         return of_report("notebook", "trajectory_html")(self)
 
 
-def check_motion(scene: Scene, trajectory: Trajectory) -> None:
+def check_frames(scene: Scene, trajectory: Trajectory) -> None:
     """Raises `InputError` for a motion of another robot, without frames, or with times that do not grow."""
     count, nodes = np.size(trajectory.times), len(scene.structure.nodes)
     for name in ("positions", "velocities"):
