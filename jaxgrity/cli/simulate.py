@@ -115,9 +115,9 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         with Bars() as bars:
             bars.show("drawing", 0, None)
             shown = drawing.result()
-    if not trajectory.failed:
-        error_bar = trust.error_bar if trust else None
-        plot.drawn("path.png", lambda: plot.save(plot.path_figure(scene, trajectory, error_bar), out / "path.png"))
+            if not trajectory.failed:
+                bar = trust.error_bar if trust else None
+                plot.drawn("path.png", lambda: plot.save(plot.path_figure(scene, trajectory, bar), out / "path.png"))
     if shown:
         print(f"to watch the motion in 3D, open {out}/replay.html in a browser")
     motion = plot.drawn("account of the motion", lambda: motion_report(scene, trajectory))
