@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from jaxgrity.search.pipeline import Progress
 
 UNITS = {
-    "rolling out": "rollout",
+    "rolling out": " simulated s",
+    "timing": " simulated s",
     "diagnosing": "measurement",
     "drawing": "picture",
     "evolving": "generation",
@@ -70,7 +71,7 @@ class Bars:
         }
         self.bar.set_postfix(facts)
 
-    def show(self, stage: str, done: int, total: int | None) -> None:
+    def show(self, stage: str, done: float, total: float | None) -> None:
         """Move the bar of a stage; the first call begins it."""
         if stage != self.stage:
             self.bar.close()
@@ -79,5 +80,6 @@ class Bars:
             form = f"{{desc}}: {counted}[{{elapsed}}]" if stage in UNEVEN else None
             unit = UNITS[stage]
             self.bar = tqdm(total=total, initial=done, desc=stage, unit=unit, bar_format=form, file=sys.stdout)
-        self.bar.update(done - self.bar.n)
+        self.bar.n = done  # a sum of differences would show their rounding
+        self.bar.update(0)
         self.moved = time.monotonic()

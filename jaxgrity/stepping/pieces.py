@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times, namespace_of
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import with_supports
@@ -79,10 +80,16 @@ def with_room(frames: AnyArray, nodes: int) -> np.ndarray:
 
 def is_long(times: np.ndarray, nodes: int, options: ResolvedOptions) -> bool:
     """Whether a motion at even steps is to be simulated in pieces; each has room for the frames of some steps."""
-    if options.dt is None:
+    if options.dt is None or traced(options.dt):
         return False
-    steps, room = times[-1] / float(options.dt), SHARED_POSITIONS // nodes
-    return (steps * nodes > LONG or len(times) > room) and len(times) * 8 < steps * room
+    steps, room = times[-1] / float(options.dt), frames_at_once(nodes)
+    fits = room >= 8 and len(times) * 8 < steps * room
+    return fits and (steps * nodes > LONG or len(times) > SHARED_POSITIONS // nodes)
+
+
+def frames_at_once(nodes: int) -> int:
+    """Most frames of a piece, whose two ends are saved too."""
+    return SHARED_POSITIONS // nodes - 2
 
 
 def in_pieces(
@@ -94,7 +101,7 @@ def in_pieces(
     steps = jax.tree.map(np.asarray, steps)
     end, number, failure = times[-1], int(steps.number), np.asarray(0)
     motion = tuple(np.full((len(times), nodes, 3), np.inf, options.dtype) for _ in range(2))
-    size, done, seen, room = LONG // 4 // nodes, 0, 0, SHARED_POSITIONS // nodes - 2
+    size, done, seen, room = LONG // 4 // nodes, 0, 0, frames_at_once(nodes)
     while done < number:
         on_progress(float(end) * done / number, float(end))
         began, until = time.perf_counter(), min(done + max(1, size), number)
