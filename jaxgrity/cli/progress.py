@@ -44,7 +44,7 @@ class Bars:
         self.stage = ""
         self.bar = tqdm(disable=True)
         self.over = threading.Event()
-        self.moved = time.monotonic()
+        self.moved, self.told = time.monotonic(), False
 
     def __enter__(self) -> "Bars":
         threading.Thread(target=self.tick, daemon=True).start()
@@ -59,8 +59,8 @@ class Bars:
         with contextlib.suppress(BrokenPipeError):  # which the command meets too when it prints next
             while not self.over.wait(TICK):
                 self.bar.refresh()
-                if time.monotonic() - self.moved > SLOW:
-                    self.moved = float("inf")
+                if not self.told and time.monotonic() - self.moved > SLOW:
+                    self.told = True
                     tqdm.write(STILL)
 
     def hear(self, progress: "Progress") -> None:
@@ -71,7 +71,7 @@ class Bars:
         }
         self.bar.set_postfix(facts)
 
-    def show(self, stage: str, done: float, total: float | None) -> None:
+    def show(self, stage: str, done: int | float, total: int | float | None) -> None:
         """Move the bar of a stage; the first call begins it."""
         if stage != self.stage:
             self.bar.close()

@@ -84,7 +84,9 @@ def is_long(times: np.ndarray, nodes: int, options: ResolvedOptions) -> bool:
         return False
     steps, room = times[-1] / float(options.dt), frames_at_once(nodes)
     fits = room >= 8 and len(times) * 8 < steps * room
-    return fits and (steps * nodes > LONG or len(times) > SHARED_POSITIONS // nodes)
+    if not (fits and (steps * nodes > LONG or len(times) > SHARED_POSITIONS // nodes)):
+        return False
+    return not traced(jnp.zeros(()))  # inside of another jitted function, all results are traced
 
 
 def frames_at_once(nodes: int) -> int:

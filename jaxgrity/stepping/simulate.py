@@ -214,8 +214,7 @@ def _long_motion(
     scene: Scene, start: State, times: np.ndarray, options: ResolvedOptions, on_progress: OnTime
 ) -> Trajectory:
     """`_simulate` in pieces."""
-    with jax.ensure_compile_time_eval():  # all numbers are known, also inside of another jitted function
-        (q, v), failure, steps = in_pieces(scene, start, times, options, on_progress)
+    (q, v), failure, steps = in_pieces(scene, start, times, options, on_progress)
     saved = jax.device_put((np.asarray(times, options.dtype), q, v, failure, np.asarray(steps, np.int32)))
     return Trajectory(*saved, rejected=jnp.zeros((), np.int32), method=options.method.name, dt=None)
 
