@@ -102,7 +102,8 @@ def in_pieces(
     steps, carried = _begun(scene, start, times[-1], options)
     steps = jax.tree.map(np.asarray, steps)
     end, number, failure = times[-1], int(steps.number), np.asarray(0)
-    motion = tuple(np.full((len(times), nodes, 3), np.inf, options.dtype) for _ in range(2))
+    shape = (len(times), nodes, 3)
+    motion = np.full(shape, np.inf, options.dtype), np.full(shape, np.inf, options.dtype)
     size, done, seen, room = LONG // 4 // nodes, 0, 0, frames_at_once(nodes)
     while done < number:
         on_progress(float(end) * done / number, float(end))
