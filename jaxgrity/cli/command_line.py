@@ -11,6 +11,8 @@ from typing import Any
 
 import tyro
 
+from jaxgrity.cli.interrupts import INTERRUPTED
+
 UNREAD = 141
 """Exit code where nobody reads what is printed any more, as after `| head`: 128 + SIGPIPE, as of other programs."""
 
@@ -18,13 +20,16 @@ UNREAD = 141
 @contextlib.contextmanager
 def while_read() -> Iterator[None]:
     """End the process silently, with exit code `UNREAD`, if what it prints is read no more; with one line and exit
-    code 2 if it cannot be written otherwise, as on a full disk."""
+    code 2 if it cannot be written otherwise, as on a full disk, or `INTERRUPTED` on Ctrl-C."""
     try:
         try:
             yield
         finally:
             if sys.stdout is not None:  # it is where standard output was closed from the start
                 sys.stdout.flush()
+    except KeyboardInterrupt:  # while JAX is imported
+        print("\ninterrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)
     except OSError as error:
         # Python flushes once more at its end, and would complain there
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -12,5 +12,6 @@ def main(settings: DemoSettings) -> None:
     simulate.main(chosen)
     page = settings.out / "replay.html"
     if settings.browser and page.exists():
-        webbrowser.open(page.resolve().as_uri())
+        shown = webbrowser.open(page.resolve().as_uri())
+        print("the page opens in your browser" if shown else f"no browser opens here; the page is {page.resolve()}")
     print("next: `jaxgrity explore` has sliders, and `jaxgrity search --quick` finds a gait; docs/getting_started.md")

@@ -24,6 +24,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import jax
 
 from jaxgrity.cli.command_line import from_command_line, while_read
+from jaxgrity.cli.interrupts import ended_by_interrupt
 from jaxgrity.core.compiled import keep_compiled
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import check_folder
@@ -117,8 +118,10 @@ def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
         join_hosts()
         if isinstance(out := getattr(chosen, "out", None), Path):
             check_folder(out, f"--out {out}")
-        with contextlib.ExitStack() as others:
-            if jax.process_index() > 0:
+        first, alone = jax.process_index() == 0, hasattr(chosen, "resume") and jax.process_count() == 1
+        advice = "; the same command with --resume continues from the saved state" if alone else ""
+        with ended_by_interrupt(advice if first else None), contextlib.ExitStack() as others:
+            if not first:
                 others.enter_context(contextlib.redirect_stdout(others.enter_context(open(os.devnull, "w"))))
                 chosen.out = Path(others.enter_context(tempfile.TemporaryDirectory()))  # type: ignore[attr-defined]
             main(chosen)
@@ -127,9 +130,3 @@ def execute(main: Callable[[Settings], None], chosen: Settings) -> None:
     except (InputError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
-        if jax.process_index() == 0:
-            alone = hasattr(chosen, "resume") and jax.process_count() == 1
-            again = "; the same command with --resume continues from the saved state" if alone else ""
-            print(f"\ninterrupted{again}", file=sys.stderr)
-        sys.exit(130)

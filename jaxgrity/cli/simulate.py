@@ -25,6 +25,7 @@ from jaxgrity.report.animation import animate, check_film
 from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.options import SolverOptions, resolve
+from jaxgrity.stepping.pieces import OnTime
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
 from jaxgrity.trust.error_bars import verify
 from jaxgrity.trust.trust_report import UNKNOWN_BAR, TrustReport, diagnose
@@ -76,15 +77,16 @@ def forget_earlier(folder: Path) -> None:
         (folder / left).unlink(missing_ok=True)
 
 
-def timed(function: Callable[[], Result], bars: Bars) -> tuple[Result, float, float]:
+def timed(function: Callable[[OnTime], Result], duration: float, bars: Bars) -> tuple[Result, float, float]:
     """The result of a second, warm call, its wall time, and the extra time of the first call: compilation."""
     seconds: list[float] = []
-    for number in range(2):
-        bars.show("rolling out", number, 2)
+    for stage in ("rolling out", "timing"):
+        heard = lambda done, total, stage=stage: bars.show(stage, float(f"{done:.4g}"), total)  # noqa: E731
+        heard(0.0, duration)
         start = time.perf_counter()
-        result = jax.block_until_ready(function())
+        result = jax.block_until_ready(function(heard))
         seconds.append(time.perf_counter() - start)
-        bars.show("rolling out", number + 1, 2)
+        heard(duration, duration)
     return result, seconds[1], max(0.0, seconds[0] - seconds[1])
 
 
@@ -100,7 +102,8 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
     """One rollout with the scene's own gait: its trajectory, its figures, its summary."""
     options, out = options_of(settings), settings.out
     with Bars() as bars:
-        trajectory, wall, compilation = timed(lambda: simulate(scene, duration, options=options), bars)
+        roll = lambda heard: simulate(scene, duration, options=options, on_progress=heard)  # noqa: E731
+        trajectory, wall, compilation = timed(roll, duration, bars)
     forget_earlier(out)
     path = centre_path(scene, trajectory)
     distance = float(np.hypot(*(path[-1] - path[0])[:2]))
@@ -115,9 +118,9 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         with Bars() as bars:
             bars.show("drawing", 0, None)
             shown = drawing.result()
-    if not trajectory.failed:
-        error_bar = trust.error_bar if trust else None
-        plot.drawn("path.png", lambda: plot.save(plot.path_figure(scene, trajectory, error_bar), out / "path.png"))
+            if not trajectory.failed:
+                bar = trust.error_bar if trust else None
+                plot.drawn("path.png", lambda: plot.save(plot.path_figure(scene, trajectory, bar), out / "path.png"))
     if shown:
         print(f"to watch the motion in 3D, open {out}/replay.html in a browser")
     motion = plot.drawn("account of the motion", lambda: motion_report(scene, trajectory))
@@ -181,8 +184,8 @@ def several(scene: Scene, gaits: Gait, duration: float, settings: SimulateSettin
     """One rollout for each gait, all in one call; the report on trust is of the gait with the largest distance."""
     options = options_of(settings)
     with Bars() as bars:
-        roll = lambda: simulate_population(scene, gaits, duration, options=options)  # noqa: E731
-        outcomes, wall, compilation = timed(roll, bars)
+        roll = lambda heard: simulate_population(scene, gaits, duration, options=options)  # noqa: E731
+        outcomes, wall, compilation = timed(roll, duration, bars)
     forget_earlier(settings.out)
     failed, distance = np.asarray(outcomes.failure) != 0, np.asarray(outcomes.distance())
     figure = plot.outcomes_figure(np.asarray(outcomes.com_start), np.asarray(outcomes.com_end), failed)

@@ -66,11 +66,13 @@ def integrate(
     options: ResolvedOptions,
     saveat: diffrax.SaveAt | None = None,
     scheme: tuple[diffrax.AbstractTerm, diffrax.AbstractSolver] | None = None,
+    part: tuple[diffrax.AbstractStepSizeController, Any] | None = None,
 ) -> diffrax.Solution:
     """`diffeqsolve` from the first of `times` (s) to the last, saved at all of them, or by `saveat`.
 
     The solution can be traced, and differentiated in forward mode. `scheme` is by default that of `discretise`, for
-    one robot and `start` = (q, v). Velocities are those of the method's carry (`frame_velocities.py`).
+    one robot and `start` = (q, v). Velocities are those of the method's carry (`frame_velocities.py`). `part` continues
+    a motion: by its steps, from `start` and the memory that the method carries (`pieces.py`).
     """
     terms, solver = discretise(options) if scheme is None else scheme
     scene, memory = with_scales_and_mobility(scene), None
@@ -81,10 +83,12 @@ def integrate(
     if not fixed and (bends := _bends(scene)):  # lanes, at fixed steps, may have bends of their own
         # an error estimate sees nothing of a push that lies between two of its stages
         adaptive = diffrax.ClipStepSizeController(adaptive, step_ts=jnp.sort(jnp.concatenate(bends)))
-    if options.method.constrained:
+    controller = diffrax.ConstantStepSize() if fixed else adaptive
+    if part is not None:
+        controller, memory = part
+    elif options.method.constrained:
         dt0 = even_step(dt0, times[-1] - times[0])
         start, memory = carried_at((terms, solver), scene, times[0], dt0, start)
-    controller = diffrax.ConstantStepSize() if fixed else adaptive
     return diffrax.diffeqsolve(
         terms,
         solver,

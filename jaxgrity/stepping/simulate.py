@@ -22,17 +22,13 @@ from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, Stat
 from jaxgrity.model.actuation import Commands
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.model.shaking import with_supports
 from jaxgrity.stepping.discretisation import even_step, failure_code, integrate, state_failure, with_scales_and_mobility
-from jaxgrity.stepping.frame_velocities import at_rest, midway, velocities_at
+from jaxgrity.stepping.frame_velocities import midway
 from jaxgrity.stepping.methods import find_method
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.pieces import OnTime, at_frames, in_pieces, is_long, seconds_since_midstep, with_room
 from jaxgrity.stepping.starts import check_velocities, start_failure, velocities_stretch
 
-SHARED_POSITIONS = 2**16
-"""Number of saved positions (frames x nodes) up to which motions of a scene share one compiled program. The last frame
-is repeated to fill it, unless the motion is differentiated. A minute of a robot with ten nodes, at 100 frames a second,
-fits in; so many positions and velocities are 3 MB."""
 MOST_FRAMES = 10**7
 """Most frames of a motion: positions and velocities of twelve nodes are 6 GB then."""
 NO_REVERSE_MODE = (
@@ -155,12 +151,6 @@ def frame_times(duration: float, frame_rate: float, at_most: float = math.inf) -
     return np.linspace(0, duration, count)
 
 
-def with_room(frames: AnyArray, nodes: int) -> np.ndarray:
-    """The same frames, the last one repeated up to `SHARED_POSITIONS`, so that motions share compiled programs."""
-    more = max(0, SHARED_POSITIONS // nodes - len(frames))
-    return np.pad(frames, [(0, more), *[(0, 0)] * (np.ndim(frames) - 1)], mode="edge")
-
-
 @typed
 def simulate(
     scene: Scene,
@@ -170,6 +160,7 @@ def simulate(
     frame_rate: float = 100.0,
     positions: NodeVectors | None = None,
     velocities: NodeVectors | None = None,
+    on_progress: OnTime = lambda done, total: None,
 ) -> Trajectory:
     """Simulate a scene: integrate its equations of motion.
 
@@ -183,6 +174,8 @@ def simulate(
         frame_rate: saved frames per second, rounded so that evenly spaced frames end at `duration`.
         positions: (nodes, 3), m, at the start; by default those of the structure.
         velocities: (nodes, 3), m/s, at the start; by default zero.
+        on_progress: called with the simulated time that is done, and the whole one, s. A long motion at even steps is
+            simulated in pieces of a fraction of a second; others are one call of a compiled program.
 
     Returns:
         The motion from t = 0 to `duration`. Its `dt` is the step taken: complementarity stepping shortens the step
@@ -211,17 +204,30 @@ def simulate(
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(np.shape(q)) if velocities is None else velocities
     check_velocities(scene, (q, v), 0.0, resolved.method.constrained)
-    saved = times
-    if not traced((scene, q, v)):
-        saved = with_room(times, len(q))
+    known, model, inputs = not traced((scene, q, v)), as_dtype(scene, resolved.dtype), resolved.as_inputs()
+    if known:
         q, v = np.asarray(q, resolved.dtype), np.asarray(v, resolved.dtype)  # else each precision has its own program
-    trajectory = _simulate(as_dtype(scene, resolved.dtype), (q, v), saved, np.asarray(len(times)), resolved.as_inputs())
-    if len(saved) > len(times):
-        trajectory = some_frames(trajectory, slice(len(times)))
+    if known and is_long(times, len(q), resolved):
+        trajectory = _long_motion(model, (q, v), times, inputs, on_progress)
+    else:
+        saved = with_room(times, len(q)) if known else times
+        trajectory = _simulate(model, (q, v), saved, np.asarray(len(times)), inputs)
+        if len(saved) > len(times):
+            trajectory = some_frames(trajectory, slice(len(times)))
+        on_progress(float(duration), float(duration))
     dt = resolved.dt
     if dt is not None and resolved.method.constrained:
         dt = float(even_step(np.asarray(dt, float), np.asarray(duration, float)))
     return replace(trajectory, dt=dt, scene=scene)  # type: ignore[arg-type]
+
+
+def _long_motion(
+    scene: Scene, start: State, times: np.ndarray, options: ResolvedOptions, on_progress: OnTime
+) -> Trajectory:
+    """`_simulate` in pieces."""
+    (q, v), failure, steps = in_pieces(scene, start, times, options, on_progress)
+    saved = jax.device_put((np.asarray(times, options.dtype), q, v, failure, np.asarray(steps, np.int32)))
+    return Trajectory(*saved, rejected=jnp.zeros((), np.int32), method=options.method.name, dt=None)
 
 
 @eqx.filter_jit
@@ -232,12 +238,11 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
     solution = integrate(start, times, scene, options)
     q, v = solution.ys  # type: ignore[misc]
     stats, failure = solution.stats, failure_code(solution.result, state_failure(scene, q[-1], v[-1]))
+    since = None
     if options.method.constrained:
         assert options.dt is not None, "complementarity stepping has steps of a fixed size"
-        since_midstep = _seconds_since_midstep(times, start, stats["num_accepted_steps"])
-        v = velocities_at(with_scales_and_mobility(scene), times, (q, v), since_midstep, frames)
-    elif scene.shaking is not None:
-        v = jax.vmap(lambda t, v: with_supports(scene.shaking, scene.structure, t, v))(times, v)
+        since = seconds_since_midstep(times, times[0], (times[-1] - times[0]) / stats["num_accepted_steps"], start[1])
+    v = at_frames(scene, times, (q, v), since, frames)
     if rigid_pairs(scene) and not options.method.constrained:
         failure = jnp.where(velocities_stretch(scene, start), 1, failure)
     misplaced = start_failure(scene, start[0])  # of traced numbers, which `resolve` could not check
@@ -253,14 +258,3 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
         method=options.method.name,
         dt=None,  # an input here, which `simulate` knows, as it does the scene
     )
-
-
-def _seconds_since_midstep(times: Times, start: State, steps: AnyArray) -> Times:
-    """(frames,), s: by how much later each frame is than the velocities that complementarity stepping has there.
-
-    At the end of a step that is half of its size, and 0 at the start of a robot at rest; in the first step it changes
-    evenly, as velocities are interpolated.
-    """
-    h = (times[-1] - times[0]) / steps
-    halves = jnp.stack([jnp.where(at_rest(start[1]), 0, h), h]) / 2
-    return jnp.interp(times, times[0] + jnp.stack([0 * h, h]), halves)

@@ -553,16 +553,21 @@ def test_help_names_the_subcommands(jaxgrity):
     assert all(name in done.out for name in SUBCOMMANDS)
 
 
-@pytest.mark.parametrize(("options", "opened"), [((), 1), (("--no-browser",), 0)])
-def test_the_demo_opens_the_replay_of_a_library_gait(jaxgrity, tmp_path, monkeypatch, options, opened):
-    """In a browser, unless it is asked not to."""
+@pytest.mark.parametrize(
+    ("options", "browser", "says"),
+    [((), True, "the page opens in your browser"), ((), False, "no browser opens"), (("--no-browser",), True, "")],
+)
+def test_the_demo_opens_the_replay_of_a_library_gait(jaxgrity, tmp_path, monkeypatch, options, browser, says):
+    """In a browser, unless it is asked not to; without one, it says where the page is."""
     asked, pages = [], []
     monkeypatch.setattr(simulate, "main", lambda chosen: (asked.append(chosen), (tmp_path / "replay.html").touch()))
-    monkeypatch.setattr("webbrowser.open", pages.append)
+    monkeypatch.setattr("webbrowser.open", lambda page: (pages.append(page), browser)[1])
     done = jaxgrity("demo", "--out", tmp_path, *options)
     assert (done.code, done.errors) == (0, "")
     assert (asked[0].scene, asked[0].gait, asked[0].out) == ("exact", "straight", tmp_path)
-    assert pages == [(tmp_path / "replay.html").as_uri()] * opened
+    assert pages == [(tmp_path / "replay.html").as_uri()] * (not options)
+    assert says in done.out
+    assert (str(tmp_path / "replay.html") in done.out) == (not browser)
 
 
 def test_no_subcommand_is_bad_input(jaxgrity):
@@ -701,10 +706,13 @@ def test_colours_and_lines_of_a_terminal_are_taken_away():
     )
 
 
-def test_a_step_that_takes_long_is_not_silent(monkeypatch):
-    """The bar is shown again, with the time that has passed, while nothing is heard of the search."""
+def test_a_step_that_takes_long_is_not_silent(monkeypatch, capsys):
+    """The bar is shown again, with the time that has passed, while nothing is heard of the search. One line says that
+    this is normal, before XLA prints an alarm."""
     assert progress.TICK <= 5
+    assert progress.SLOW < 120
     monkeypatch.setattr(progress, "TICK", 0.01)
+    monkeypatch.setattr(progress, "SLOW", 0.0)
     shown, again = [], threading.Event()
 
     class Watched(progress.tqdm):
@@ -718,6 +726,7 @@ def test_a_step_that_takes_long_is_not_silent(monkeypatch):
     with progress.Bars() as bars:
         bars.hear(Progress("verifying", 1, 4, {}))
         again.wait()  # for ever, where nothing is shown
+    assert capsys.readouterr().out.count(progress.STILL) == 1
 
 
 def test_searches_are_compared(jaxgrity, search_run, tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import asdict, replace
@@ -119,6 +120,21 @@ def test_a_full_disk_is_told_once(capsys, monkeypatch, ends, errors):
             command_line.while_read()(ends)()
     assert end.value.code == 2
     assert capsys.readouterr().err.count("error: ") == errors
+
+
+@pytest.mark.parametrize("body", ["deaf()", "threading.Thread(target=deaf).start(); time.sleep(600)"])
+def test_ctrl_c_ends_a_command_that_cannot_hear_it(body):
+    """While it runs compiled code, and while another thread does; else each would take many minutes."""
+    code = (
+        "import hashlib, threading, time\nfrom jaxgrity.cli.interrupts import ended_by_interrupt\n"
+        "def deaf():\n    hashlib.pbkdf2_hmac('sha256', b'', b'', 2**31 - 1)\n"
+        f"with ended_by_interrupt('; so'):\n    print('begun', flush=True)\n    {body}"
+    )
+    words = [sys.executable, "-c", code]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as child:
+        assert child.stdout.readline() == "begun\n"
+        child.send_signal(signal.SIGINT)
+        assert (child.communicate()[1], child.returncode) == ("\ninterrupted; so\n", 130)
 
 
 def test_the_version_is_that_of_the_package(capsys, monkeypatch):
