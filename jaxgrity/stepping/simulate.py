@@ -226,8 +226,8 @@ def _long_motion(
 ) -> Trajectory:
     """`_simulate` in pieces."""
     (q, v), failure, steps = in_pieces(scene, start, times, options, on_progress)
-    saved = jax.device_put((np.asarray(times, options.dtype), q, v, failure, np.asarray(steps, np.int32)))
-    return Trajectory(*saved, rejected=jnp.zeros((), np.int32), method=options.method.name, dt=None)
+    saved = jax.device_put((np.asarray(times, options.dtype), q, v, failure, jnp.asarray(steps)))
+    return Trajectory(*saved, rejected=jnp.asarray(0), method=options.method.name, dt=None)
 
 
 @eqx.filter_jit

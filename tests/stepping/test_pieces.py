@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from jaxgrity import Scene, SolverOptions, Structure, load_gait, load_scene, simulate, with_gait
+from jaxgrity import Members, Scene, SolverOptions, Structure, load_gait, load_scene, simulate, with_gait
 from jaxgrity.stepping import pieces
 
 FIELDS = ("times", "positions", "velocities", "failure", "steps", "rejected")
@@ -55,7 +55,6 @@ def test_pieces_that_frames_limit_are_the_same_bit_for_bit(monkeypatch, falling)
         pytest.param("exact", 3.0, {"dtype": "float32"}, 0.0, id="exact, float32", marks=pytest.mark.campaign),
         pytest.param("reference", 1.0, {}, 0.0, id="rk4"),
         pytest.param("reference", 0.5, {"method": "tsit5", "dt": 2e-4}, 0.0, id="tsit5", marks=pytest.mark.campaign),
-        pytest.param("reference", 0.5, {"method": "symplectic"}, 0.0, id="symplectic", marks=pytest.mark.campaign),
     ],
 )
 def test_a_motion_in_pieces_is_the_same_bit_for_bit(monkeypatch, name, duration, options, moving):
@@ -63,6 +62,14 @@ def test_a_motion_in_pieces_is_the_same_bit_for_bit(monkeypatch, name, duration,
     scene, velocities = with_gait(load_scene(name), load_gait("straight")), np.tile([moving, 0, 0], (12, 1))
     how = {"options": SolverOptions(**options), "frame_rate": 93.0, "velocities": velocities}
     assert_same_in_pieces(monkeypatch, scene, duration, **how)
+
+
+@pytest.mark.slow
+def test_verlet_in_pieces_is_the_same_bit_for_bit(monkeypatch):
+    """Of two nodes on a spring that fall: without dissipation."""
+    structure = Structure(np.array([[0.0, 0, 1], [1, 0, 1]]), np.array([1.0, 3.0]), Members(((0, 1),), [50.0], [0.8]))
+    scene = Scene(structure, gravity=9.81)
+    assert_same_in_pieces(monkeypatch, scene, 4.0, options=SolverOptions(method="verlet", dt=1e-3), frame_rate=31.0)
 
 
 def test_a_long_motion_is_stopped_between_pieces(monkeypatch, falling):
