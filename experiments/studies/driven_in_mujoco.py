@@ -98,7 +98,7 @@ def driven(robot: str) -> Scene:
 @driven_in_mujoco.table
 def words(record: Record) -> str:
     """How far apart both programs end, beside their errors."""
-    length = lambda name: lambda row: f"{1e3 * row[name]:.2g}"  # noqa: E731
+    length = lambda name: lambda row: f"{float(f'{1e3 * row[name]:.2g}'):g}"  # noqa: E731
     cells = {
         "robot": lambda row: ROBOTS[row["robot"]],
         "contact in MuJoCo": lambda row: CONTACTS[row["contact"]],
