@@ -45,10 +45,10 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
     Sites at which tendons end, and others of the same bodies, become nodes. A free body with two of them becomes a
     rigid strut, with the body's mass as point masses and a thin rod; one with more a rigid body, whose balls have
     their radii and roll. Ball joints and hinges become shared points of bodies, or supports. Welded bodies become one
-    body. A body on three slides becomes a point mass; what does not move a support. A tendon whose spring range begins
-    at 0, or whose actuator only pulls, is a cable, another one with a spring a strut. A cable over several sites slides
-    over their nodes (`Members.clusters`). Spheres, capsules and boxes that touch the plane are those of nodes, with one
-    radius for all.
+    body. A body on three slides becomes a point mass; what does not move a support. A tendon whose spring has a range,
+    or whose actuator only pulls, is a cable, which pushes below a range that begins above 0. Another one with a spring
+    is a strut. A cable over several sites slides over their nodes (`Members.clusters`). Spheres, capsules and boxes
+    that touch the plane are those of nodes, with one radius for all.
 
     What would make the robot move otherwise is refused, unless `drop` names its kind: then it is left out, and a note
     says so.
@@ -255,8 +255,8 @@ def _laws(springs: list[Spring], cables: Members | None, notes: list[str]) -> tu
     notes += [f"{pushing} tendons are cables that push when they are short, as springs there do"] * (pushing > 0)
     alone = [each.name for each in springs if not each.stiffness]
     notes += [f"{len(alone)} tendons without a spring are dampers: {some_of(alone)}"] * (len(alone) > 0)
-    band, damper = dead_band(cables, bands), cable_dampers(cables, dampers)
-    return (*([band] if pushing else []), *([damper] if any(dampers) else []))
+    laws: list[Law] = [dead_band(cables, bands)] if pushing else []
+    return (*laws, *([cable_dampers(cables, dampers)] if any(dampers) else []))
 
 
 def _note_controls(springs: list[Spring], first: int, notes: list[str]) -> None:

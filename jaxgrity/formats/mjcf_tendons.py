@@ -87,9 +87,10 @@ def with_dampers_beside(springs: list[Spring]) -> list[Spring]:
     found = []
     for each in springs:
         beside = alone.pop(min(each.path, each.path[::-1]), None) if each.stiffness else None
-        if beside is not None:
-            more = {"damper": each.damper + beside.damper} if each.kind == "cable" else {}
-            each = each._replace(**more or {"damping": each.damping + beside.damper})
+        if beside is not None and each.kind == "cable":
+            each = each._replace(damper=each.damper + beside.damper)
+        elif beside is not None:
+            each = each._replace(damping=each.damping + beside.damper)
         found.append(each)
     return [each for each in found if each.stiffness or each in alone.values()]
 

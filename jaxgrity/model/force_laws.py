@@ -242,20 +242,43 @@ def force_limit(cables: Members, largest: float | Sequence[float]) -> ForceLimit
 
 @typed
 def dead_band(cables: Members, width: float | Sequence[float]) -> DeadBand:
-    """Cables that push again, with their stiffness, when they are shorter than their rest length less `width`, m.
+    """Cables that push again, with their stiffness, when they are shorter than their rest length by a width.
 
-    One number for all cables, or one per cable (segments of one cable count as one). With 0, cables are springs that
-    push and pull. Raises `InputError` for a negative width, or a wrong number of them.
+    Args:
+        cables: the cables that push.
+        width: width of the dead band, m; one number for all cables, or one per cable (segments of one cable count as
+            one). With 0 a cable is a spring that pushes and pulls, with its rest length it never pushes.
+
+    Returns:
+        The term, for `with_terms`.
+
+    Raises:
+        InputError: a negative width, or a wrong number of widths.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> pushing = jaxgrity.with_terms(scene, jaxgrity.model.dead_band(scene.structure.cables, 0.05))
     """
     return DeadBand(_each_cable(cables, width, "dead_band"))
 
 
 @typed
 def cable_dampers(cables: Members, damping: float | Sequence[float]) -> CableDampers:
-    """A damper beside each cable, N s/m, which resists changes of its length also while it is slack.
+    """A damper beside each cable, which resists changes of its length also while it is slack.
 
-    One number for all cables, or one per cable (segments of one cable count as one). Raises `InputError` for a negative
-    damping, or a wrong number of them.
+    Args:
+        cables: the cables with dampers.
+        damping: damping c, N s/m; one number for all cables, or one per cable (segments of one cable count as one).
+
+    Returns:
+        The term, for `with_terms`.
+
+    Raises:
+        InputError: a negative damping, or a wrong number of dampings.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> damped = jaxgrity.with_terms(scene, jaxgrity.model.cable_dampers(scene.structure.cables, 2.0))
     """
     return CableDampers(_each_cable(cables, damping, "damper"))
 
