@@ -4,6 +4,7 @@ MJX, MuJoCo written in JAX, takes the same model. Extra: `mjx`.
 """
 
 import time
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,9 @@ from mujoco import rollout
 
 from jaxgrity import Scene, gaits_of, one_gait
 from jaxgrity.formats import mjcf_controls, mujoco_model
+
+SOFTEST = 1e-4
+"""The smallest impedance that MuJoCo knows."""
 
 
 def build(scene: Scene, dt: float, integrator: str) -> mujoco.MjModel:
@@ -77,9 +81,35 @@ def roll_mjx(scene: Scene, phases: np.ndarray, duration: float, dt: float, integ
     return sites(plain, states, len(scene.structure.nodes)), wall
 
 
-def run_once(scene: Scene, duration: float, dt: float) -> tuple[np.ndarray, float]:
-    """Where the nodes end by the scene's own gait, (nodes, 3), m, by RK4, and how deep in the ground the deepest is."""
+def with_spring_contact(stiffness: float) -> Callable[[mujoco.MjModel], None]:
+    """A change of a model: what touches is pressed out by a spring of that stiffness (N/m), without damping.
+
+    At the depth x, a contact of impedance d pushes there with (d/A) (k x/d - a). Here k stands in `solref`, A is the
+    acceleration that a unit force gives the body, and a the acceleration without contact. So if d is small and
+    k = K A, the contact is a spring of stiffness K.
+    """
+
+    def change(model: mujoco.MjModel) -> None:
+        for geom in np.flatnonzero(model.geom_contype):
+            alone = model.body_invweight0[model.geom_bodyid[geom], 0]
+            model.geom_priority[geom] = 2  # above the ground's
+            model.geom_solref[geom] = -stiffness * alone, 0.0
+            model.geom_solimp[geom] = SOFTEST, SOFTEST, 1e-3, 0.5, 2.0
+            model.geom_friction[geom] = 0.0
+
+    return change
+
+
+def run_once(
+    scene: Scene, duration: float, dt: float, change: Callable[[mujoco.MjModel], None] | None = None
+) -> tuple[np.ndarray, float]:
+    """Where the nodes end by the scene's own gait, (nodes, 3), m, by RK4, and how deep in the ground the deepest is.
+
+    `change` may change the model that is written.
+    """
     model, steps = build(scene, dt, "RK4"), round(duration / dt)
+    if change is not None:
+        change(model)
     data = mujoco.MjData(model)
     for control in mjcf_controls(scene, dt * np.arange(steps)):
         data.ctrl[: len(control)] = control

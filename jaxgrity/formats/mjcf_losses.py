@@ -16,7 +16,7 @@ DROPPABLE = {
     "radius": "radii of what touches the plane, where they differ",
     "friction": "coefficients that have no counterpart, and dry friction of joints and tendons",
     "limits": "limits of tendons, joints and forces",
-    "damping": "of free joints, and of tendons without a spring",
+    "damping": "of joints that turn, and what is not in proportion to speed",
     "actuators": "those that are no springs of tendons",
     "air": "density, viscosity and wind",
     "forces": "springs of joints, gravity compensation, armature, nonlinear springs, soft equalities",
@@ -29,8 +29,6 @@ SMALL = 0.02
 Contact, `connect` and `weld` that give way by more than this share are lost."""
 WATCHED, MOST_WATCHED = 1.0, 5000
 """How long, s, and for how many steps at most MuJoCo moves a robot to see what gives way, and which bodies touch."""
-FAR = 10.0
-"""A tendon's limit beyond this many times its length at the start counts as out of reach."""
 
 
 def name_of(model: Any, kind: str, number: int) -> str:
@@ -51,11 +49,12 @@ def watched(data: Any) -> Iterator[Any]:
         mujoco.set_mju_user_warning(None)
 
 
-def check_losses(model: Any, losses: Losses) -> None:
+def check_losses(model: Any, data: Any, losses: Losses) -> None:
     """Of options, bodies, joints and tendons. Contact and actuators are looked at where they are read."""
     _options(model, losses)
     _joints(model, losses)
     _tendons(model, losses)
+    _limits(model, data, losses)
     if np.any(model.body_gravcomp):
         losses.lose("forces", f"body {_first(model, 'body', model.body_gravcomp)}: gravity compensation")
     if getattr(model, "nplastic", 0):
@@ -81,7 +80,6 @@ def _joints(model: Any, losses: Losses) -> None:
         ("friction", model.dof_frictionloss, "dry friction (frictionloss)"),
         ("forces", model.dof_armature, "armature"),
         ("forces", _with_terms(model, "jnt_stiffness")[model.dof_jntid] if model.nv else np.zeros(0), "a spring"),
-        ("limits", model.jnt_limited[model.dof_jntid] if model.nv else np.zeros(0), "a limited range"),
     ):
         if np.any(values):
             joint = int(model.dof_jntid[np.flatnonzero(values)[0]])
@@ -98,13 +96,30 @@ def _tendons(model: Any, losses: Losses) -> None:
     ):
         if np.any(values):
             losses.lose(kind, f"tendon {_first(model, 'tendon', values)}: {what}")
-    for t in np.flatnonzero(model.tendon_limited).tolist():
-        (low, high), margin, length = model.tendon_range[t], model.tendon_margin[t], model.tendon_length0[t]
-        name, reach = name_of(model, "tendon", t), f"its length is limited to {low:g} to {high:g} m"
-        if low - margin > 0 or high - margin < FAR * length:
-            losses.lose("limits", f"tendon {name}: {reach}")
+
+
+def _limits(model: Any, data: Any, losses: Losses) -> None:
+    """Loses ranges that tendons or joints reach while MuJoCo moves the robot for a while, or cannot: soft stops."""
+    joints, tendons = (np.flatnonzero(limited).tolist() for limited in (model.jnt_limited, model.tendon_limited))
+    reached, time, stable, kinds = set[tuple[int, int]](), 0.0, True, mujoco.mjtConstraint
+    for moved in watched(data) if joints or tendons else ():
+        reached |= set(zip(moved.efc_type.tolist(), moved.efc_id.tolist()))
+        time, stable = moved.time, stable and moved.time > time  # where a motion is unstable, MuJoCo begins anew
+    unreached = f"there, not reached within {time:.2g} s without controls, and not at all here"
+    for j in joints:
+        what = f"body {name_of(model, 'body', int(model.jnt_bodyid[j]))}: its joint has a limited range"
+        if (int(kinds.mjCNSTR_LIMIT_JOINT), j) in reached or not stable:
+            losses.lose("limits", what)
         else:
-            losses.note(f"tendon {name}: {reach} there, and not at all here; it is {length:.4g} m long at the start")
+            losses.note(f"{what} {unreached}")
+    for t in tendons:
+        low, high = model.tendon_range[t]
+        what = f"tendon {name_of(model, 'tendon', t)}: its length is limited to {low:g} to {high:g} m"
+        write = f', a soft stop; a cable that is slack below it has springlength="0 {high:g}" and a stiffness'
+        if (int(kinds.mjCNSTR_LIMIT_TENDON), t) in reached or not stable:
+            losses.lose("limits", what, "" if model.tendon_stiffness[t] else write)
+        else:
+            losses.note(f"{what} {unreached}")
 
 
 def check_spring(model: Any, geom: int, spring: list[np.ndarray], deep: float, losses: Losses) -> None:

@@ -18,8 +18,10 @@ from jaxgrity.formats.mjcf_contact import touched_plane
 from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, outer_joints, shared_nodes
 from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, name_of
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
-from jaxgrity.formats.mjcf_tendons import Spring, drag_of_sites, springs_of
+from jaxgrity.formats.mjcf_tendons import Spring, drag_of_sites, pushing_cable, springs_of, with_dampers_beside
 from jaxgrity.formats.mjcf_text import mjcf_text, with_element_line
+from jaxgrity.model.force_laws import cable_dampers, dead_band
+from jaxgrity.model.laws import Law
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
 
@@ -43,10 +45,10 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
     Sites at which tendons end, and others of the same bodies, become nodes. A free body with two of them becomes a
     rigid strut, with the body's mass as point masses and a thin rod; one with more a rigid body, whose balls have
     their radii and roll. Ball joints and hinges become shared points of bodies, or supports. Welded bodies become one
-    body. A body on three slides becomes a point mass; what does not move a support. A tendon whose spring range begins
-    at 0, or whose actuator only pulls, is a cable, another one with a spring a strut. A cable over several sites slides
-    over their nodes (`Members.clusters`). Spheres, capsules and boxes that touch the plane are those of nodes, with one
-    radius for all.
+    body. A body on three slides becomes a point mass; what does not move a support. A tendon whose spring has a range,
+    or whose actuator only pulls, is a cable, which pushes below a range that begins above 0. Another one with a spring
+    is a strut. A cable over several sites slides over their nodes (`Members.clusters`). Spheres, capsules and boxes
+    that touch the plane are those of nodes, with one radius for all.
 
     What would make the robot move otherwise is refused, unless `drop` names its kind: then it is left out, and a note
     says so.
@@ -83,7 +85,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     data, notes = mujoco.MjData(model), losses.notes
     _set_start(model, data, keyframe, losses)
     model = merge_welded(model, data, losses)
-    check_losses(model, losses)
+    check_losses(model, data, losses)
     tendons = springs_of(model, data, losses)
     joints = joints_of(model, data, losses)
     joined = {body for joint in joints for body in joint.bodies if body}
@@ -99,6 +101,9 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     x, carrier, shared = shared_nodes(x, carrier, joints)
     if any(is_free(model, body) for body in carrier.tolist()):
         springs = _as_cables(springs, x, notes)
+    several = [spring.kind == "strut" and len(spring.path) > 2 for spring in springs]
+    springs = [pushing_cable(each, 0.0) if both else each for each, both in zip(springs, several)]
+    springs = with_dampers_beside(springs)
     pushing = [spring for spring in springs if spring.kind == "strut"]
     # rods are rigid struts, beside which no strut is a spring, and no cable runs along one: these rods are bodies, too
     solid = set(carrier.tolist()) if pushing else _crossed(springs, carrier)
@@ -119,7 +124,14 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     drag = _drag(model, nodes, merged, place, losses)
     found = found or touched_plane(model, data, x, carrier, losses)
     structure = Structure(x - found.lift, masses, struts, cables, fixed=fixed, bodies=rigid)
-    scene = Scene(structure, _gravity(model) or None, drag if drag.any() else None, found.ground, found.friction)
+    scene = Scene(
+        structure,
+        _gravity(model) or None,
+        drag if drag.any() else None,
+        found.ground,
+        found.friction,
+        terms=_laws(pulling, cables, notes),
+    )
     return Imported(scene, together(["SI units, z up, as in MuJoCo", *notes]))
 
 
@@ -224,10 +236,6 @@ def _members(springs: list[Spring], x: np.ndarray) -> Members | None:
     laws: list[np.ndarray] = []
     clusters = []
     for spring in springs:
-        if len(spring.path) > 2 and spring.kind == "strut":
-            raise InputError(
-                f"tendon {spring.name}: pushes along {len(spring.path)} sites; expected springlength from 0 on"
-            )
         lengths = edge_lengths(x, _segments([spring]))
         if len(lengths) > 1:
             clusters.append(tuple(range(len(laws), len(laws) + len(lengths))))
@@ -237,6 +245,19 @@ def _members(springs: list[Spring], x: np.ndarray) -> Members | None:
         return None
     K, L, c = np.array(laws).T
     return Members(_segments(springs), K, L, damping=c if c.any() else None, clusters=tuple(clusters))
+
+
+def _laws(springs: list[Spring], cables: Members | None, notes: list[str]) -> tuple[Law, ...]:
+    """Of cables that push beyond a dead band, and of dampers beside them."""
+    if cables is None:
+        return ()
+    bands, dampers = zip(*((min(each.dead_band, each.rest_length), each.damper) for each in springs))
+    pushing = sum(band < each.rest_length for band, each in zip(bands, springs))
+    notes += [f"{pushing} tendons are cables that push when they are short, as springs there do"] * (pushing > 0)
+    alone = [each.name for each in springs if not each.stiffness]
+    notes += [f"{len(alone)} tendons without a spring are dampers: {some_of(alone)}"] * (len(alone) > 0)
+    laws: list[Law] = [dead_band(cables, bands)] if pushing else []
+    return (*laws, *([cable_dampers(cables, dampers)] if any(dampers) else []))
 
 
 def _note_controls(springs: list[Spring], first: int, notes: list[str]) -> None:

@@ -23,8 +23,12 @@ class Spring(NamedTuple):
     stiffness: float
     rest_length: float
     damping: float
-    change: tuple[float, float]
+    change: tuple[float, float] = (0.0, 0.0)
     """m, from the rest length to the shortest and to the longest that controls make it"""
+    dead_band: float = np.inf
+    """m, below the rest length, within which a cable is slack; then it pushes"""
+    damper: float = 0.0
+    """N s/m, of a cable, which acts while it is slack, too"""
 
 
 class Driven(NamedTuple):
@@ -53,23 +57,42 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
         if t in driven:
             own = driven[t]
             found.append(Spring(name, own.kind, path, own.stiffness, own.rest_length, own.damping + c, own.change))
-        elif not K:
+        elif not K and not c:
             idle.append(name)
-            if c:
-                losses.lose("damping", f"tendon {name}: damping without a spring")
-        elif low == high or low == 0:
+        elif not K:
+            found.append(Spring(name, "cable", path, 0.0, float(high or data.ten_length[t]), 0.0, damper=c))
+        else:
             # a force moves the end of a taut spring as another rest length does
             less, more = (float(max(force / K, -high)) for force in pulled.get(t, (0.0, 0.0)))
-            found.append(Spring(name, "strut" if low == high else "cable", path, K, float(high), c, (less, more)))
-        else:
-            raise InputError(f"tendon {name}: springlength {low:g} to {high:g}; expected one length, or from 0 on")
-    if not found:
+            kind = "strut" if low == high else "cable"
+            spring = Spring(name, kind, path, K, float(high), c, (less, more))
+            found.append(spring if low in (0, high) else pushing_cable(spring, float(high - low)))
+    if not any(spring.stiffness for spring in found):
         raise InputError("no tendon has a spring, nor an actuator that is one; expected some that pull at control 0")
     if idle:
         losses.note(f"{len(idle)} tendons without a spring are left out: {some_of(idle)}")
     if any(spring.kind == "cable" and spring.damping for spring in found):
         losses.note("the damping of tendons acts there while they are slack, too; here while they pull")
     return found
+
+
+def pushing_cable(spring: Spring, dead_band: float) -> Spring:
+    """A cable in place of a spring that pushes and pulls: it pushes beyond a dead band, m, and is always damped."""
+    return spring._replace(kind="cable", dead_band=dead_band, damping=0.0, damper=spring.damping)
+
+
+def with_dampers_beside(springs: list[Spring]) -> list[Spring]:
+    """The springs, without the dampers that run along one of them: these are beside it."""
+    alone = {min(each.path, each.path[::-1]): each for each in springs if not each.stiffness}
+    found = []
+    for each in springs:
+        beside = alone.pop(min(each.path, each.path[::-1]), None) if each.stiffness else None
+        if beside is not None and each.kind == "cable":
+            each = each._replace(damper=each.damper + beside.damper)
+        elif beside is not None:
+            each = each._replace(damping=each.damping + beside.damper)
+        found.append(each)
+    return [each for each in found if each.stiffness or each in alone.values()]
 
 
 def _path(model: Any, tendon: int) -> tuple[int, ...]:

@@ -16,6 +16,7 @@ from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, j
 from jaxgrity.formats.mjcf_plan import Plan, amplitudes, plan_of
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.clusters import cables_of, nodes_along
+from jaxgrity.model.force_laws import CableDampers, DeadBand
 from jaxgrity.model.scene import Scene
 
 STRONGEST = 1e9
@@ -98,7 +99,8 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     notes += _members(root, scene, plan)
     _drag_on_bodies(root, {node: drag[node] for node in sorted(in_bodies) if drag[node]})
     ElementTree.indent(root)
-    notes += ["laws that have no counterpart in MuJoCo are left out"] if scene.terms else []
+    others = [term for term in scene.terms if not isinstance(term, DeadBand | CableDampers)]
+    notes += ["laws that have no counterpart in MuJoCo are left out"] if others else []
     notes += ["load cases are left out"] if scene.loads else []
     notes += ["supports do not move there"] if scene.shaking is not None else []
     return MuJoCoModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes), plan.actuated)
@@ -196,8 +198,8 @@ def _node(body: ElementTree.Element, plan: Plan, node: int, at: np.ndarray, mass
 def _members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str]:
     """Tendons with springs, and with actuators where a gait moves them."""
     tendons, actuators = add_element(root, "tendon"), add_element(root, "actuator")
-    structure, damped = plan.structure, False
-    size = amplitudes(scene.gait)
+    structure, damped, stopped = plan.structure, False, 0
+    size, beside = amplitudes(scene.gait), _beside_cables(scene)
     for name, members, first in structure.numbered:
         kind = name.removesuffix("s")
         for cord in cables_of(members.clusters, len(members.edges)):
@@ -207,23 +209,52 @@ def _members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str]:
             assert members.stiffness is not None, "springs, by the plan"
             K, L = _in_series(members.stiffness, cord), float(np.sum(members.rest_length[list(cord)]))
             c = 0.0 if members.damping is None else _in_series(members.damping, cord)
-            spring: dict[str, Any] = {"stiffness": K, "damping": c, "springlength": [0.0, L] if kind == "cable" else L}
+            band, damper = beside[k] if kind == "cable" else (0.0, 0.0)
+            ends = [max(L - band, 0.0), L]
+            # as they are read again: the damping of a tendon that never pushes is that of a taut cable
+            own = not K or (band < L and first + k not in plan.actuated)
+            both = c + damper if own else c
+            spring: dict[str, Any] = {"stiffness": K, "damping": both, "springlength": ends if band else L}
             if first + k in plan.actuated:
                 spring = {}
-                limits = {"forcelimited": "true", "forcerange": [-STRONGEST, 0.0]} if kind == "cable" else {}
+                stopped += 0 < band < L
+                limits = {"forcelimited": "true", "forcerange": [-STRONGEST, 0.0]} if band else {}
                 most = sum(size.get(first + part, 0.0) * float(members.rest_length[part]) for part in cord)
                 reach = {"ctrllimited": "true", "ctrlrange": [-most, 0.0]} if most else {}
                 law = {"gainprm": K, "biastype": "affine", "biasprm": [K * L, -K, -c]}
                 add_element(actuators, "general", name=f"{kind}{k}", tendon=f"{kind}{k}", **law, **limits, **reach)
             damped = damped or bool(spring and kind == "cable" and c)
-            tendon = add_element(tendons, "spatial", name=f"{kind}{k}", **spring)
-            for node in nodes_along(tuple(members.edges[part] for part in cord)):
-                add_element(tendon, "site", site=f"n{node}")
+            nodes = nodes_along(tuple(members.edges[part] for part in cord))
+            _tendon(tendons, f"{kind}{k}", nodes, spring)
+            if damper and not own:
+                _tendon(tendons, f"damper{k}", nodes, {"damping": damper})
     notes = ["cables are damped there while they are slack, too"] if damped else []
+    notes += [f"{stopped} cables that actuators move do not push beyond their dead bands there"] if stopped else []
     moved = (
         f"{len(plan.actuated)} actuators change rest lengths by their controls (m); the gait itself is no part of it"
     )
     return [*notes, *([moved] if plan.actuated else [])]
+
+
+def _tendon(parent: ElementTree.Element, name: str, nodes: tuple[int, ...], law: dict[str, Any]) -> None:
+    tendon = add_element(parent, "spatial", name=name, **law)
+    for node in nodes:
+        add_element(tendon, "site", site=f"n{node}")
+
+
+def _beside_cables(scene: Scene) -> dict[int, tuple[float, float]]:
+    """Dead band, m, and damper, N s/m, of each cable, by its first segment; without a dead band it never pushes."""
+    cables = scene.structure.cables
+    if cables is None:
+        return {}
+    cords = cables_of(cables.clusters, len(cables.edges))
+    band, damper = np.full(len(cords), np.inf), np.zeros(len(cords))
+    for term in scene.terms:
+        if isinstance(term, DeadBand):
+            band = np.minimum(band, np.asarray(term.width, float))
+        elif isinstance(term, CableDampers):
+            damper = damper + np.asarray(term.damping, float)
+    return {min(cord): each for cord, each in zip(cords, zip(band.tolist(), damper.tolist()))}
 
 
 def _in_series(values: PerMember, cord: tuple[int, ...]) -> float:

@@ -81,3 +81,5 @@ class CablesTable(_MembersTable):
     pulleys: list[PulleyKeys] = []
     force: ForceKeys | None = None
     largest_force: Positive | list[Positive] | None = None
+    dead_band: NotNegative | list[NotNegative] | None = None
+    damper: NotNegative | list[NotNegative] | None = None

@@ -15,7 +15,7 @@ from jaxgrity.io.member_sizes import has_sizes, members_of_sizes
 from jaxgrity.io.member_tables import CablesTable, MotorTable, PulleyKeys, StrutsTable, TouchingKeys
 from jaxgrity.io.validation import shown
 from jaxgrity.model.clusters import check_clusters
-from jaxgrity.model.force_laws import first_slope, force_limit, force_table
+from jaxgrity.model.force_laws import cable_dampers, dead_band, first_slope, force_limit, force_table
 from jaxgrity.model.laws import Law
 from jaxgrity.model.motors import Motor
 from jaxgrity.model.pulleys import CableRoute, Pulley, built_lengths, check_pulleys, check_wraps
@@ -112,6 +112,10 @@ def cable_laws(table: CablesTable | None, cables: Members | None) -> tuple[Law, 
             found.append(force_table(cables, table.force.stretch, table.force.force))
         if table.largest_force is not None:
             found.append(force_limit(cables, table.largest_force))
+        if table.dead_band is not None:
+            found.append(dead_band(cables, table.dead_band))
+        if table.damper is not None:
+            found.append(cable_dampers(cables, table.damper))
     except InputError as error:
         raise InputError(f"cables: {error}") from error
     return tuple(found)

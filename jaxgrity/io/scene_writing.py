@@ -48,7 +48,7 @@ from jaxgrity.io.structure_tables import CustomTable, FixedAxes
 from jaxgrity.io.validation import not_finite
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.external import Push, Wind
-from jaxgrity.model.force_laws import ForceLimit, ForceTable
+from jaxgrity.model.force_laws import CableDampers, DeadBand, ForceLimit, ForceTable
 from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround
 from jaxgrity.model.height_fields import HeightMap, HeightWaves
@@ -64,9 +64,9 @@ from jaxgrity.model.unions import Union
 WIDTH = 120
 """Most characters in a line of lists. A longer list of lists takes one line for each."""
 OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
-ORDER_OF_TERMS: dict[type, int] = {Wind: 0, Push: 1, ForceTable: 2, ForceLimit: 2}
-ORDER_OF_TERMS |= dict.fromkeys(ALONG_STRUTS, 3) | dict.fromkeys(BETWEEN_STRUTS, 4)
-"""Order in which `load_scene` adds terms; of the first kind and of the third it adds one at most."""
+ORDER_OF_TERMS: dict[type, int] = {Wind: 0, Push: 1, ForceTable: 2, ForceLimit: 2, DeadBand: 3, CableDampers: 4}
+ORDER_OF_TERMS |= dict.fromkeys(ALONG_STRUTS, 5) | dict.fromkeys(BETWEEN_STRUTS, 6)
+"""Order in which `load_scene` adds terms; of each of the first five kinds but pushes it adds one at most."""
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 
 
@@ -253,8 +253,8 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
     wind, pushes = None, []
     forces: dict[str, Any] = {}
     places = [ORDER_OF_TERMS[type(term)] for term in scene.terms if type(term) in ORDER_OF_TERMS]
-    if places != sorted(places) or any(places.count(place) > 1 for place in (0, 2)):
-        told = "a wind, pushes, then one table or largest force of cables, then contact along and between struts"
+    if places != sorted(places) or any(places.count(place) > 1 for place in (0, 2, 3, 4)):
+        told = "a wind, pushes, then one table or largest force of cables, dead bands, dampers, then contact of struts"
         raise InputError(f"terms are {', '.join(term.name for term in scene.terms)}; expected in this order {told}")
     for number, term in enumerate(scene.terms):
         if type(term) is Wind:
@@ -263,9 +263,13 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
             times = (float(value) for value in (term.start, term.duration, term.ramp))
             pushes.append(PushTable(list(term.nodes), tuple(np.asarray(term.force)[0].tolist()), *times))
         elif type(term) is ForceTable:
-            forces = {"force": ForceKeys(*(np.asarray(x).tolist() for x in (term.stretch, term.force)))}
+            forces |= {"force": ForceKeys(*(np.asarray(x).tolist() for x in (term.stretch, term.force)))}
         elif type(term) is ForceLimit:
-            forces = {"largest_force": one_or_all(term.largest)}
+            forces |= {"largest_force": one_or_all(term.largest)}
+        elif type(term) is DeadBand:
+            forces |= {"dead_band": one_or_all(term.width)}
+        elif type(term) is CableDampers:
+            forces |= {"damper": one_or_all(term.damping)}
         elif type(term) is Push or type(term) not in ORDER_OF_TERMS:
             raise _no_key(f"terms[{number}]", term)
     return wind, pushes, forces

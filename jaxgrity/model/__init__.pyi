@@ -2,6 +2,7 @@ from .actuation import Command, random_members, rest_length
 from .balls import Balls
 from .bodies import Body, body_moments, rigid_body
 from .contact_twin import exact_twin, penalty_twin
+from .force_laws import cable_dampers, dead_band
 from .friction import Friction
 from .gait_waves import TravellingWave, travelling_waves
 from .ground import Ground
@@ -29,6 +30,8 @@ __all__ = [
     "TravellingWave",
     "body_length",
     "body_moments",
+    "cable_dampers",
+    "dead_band",
     "energy_of_motion",
     "exact_twin",
     "gene_permutations",

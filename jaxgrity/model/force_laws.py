@@ -1,7 +1,7 @@
-"""Cables that are no linear springs: measured tables of force and stretch, and motors that yield at a force.
+"""Cables that are no linear springs: tables of force and stretch, motors that yield, dead bands, dampers beside cables.
 
-Both change the stiffness of the cables beyond some stretch. A force that is linear between the entries of a table is a
-sum of springs that begin to act one after the other. Dampers do not change.
+Tables and motors change the stiffness beyond some stretch. A force that is linear between the entries of a table is a
+sum of springs that begin to act one after the other. Dampers of the cables themselves do not change.
 """
 
 import dataclasses
@@ -20,7 +20,7 @@ from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, AnyRows, Scalar, as_float, as_float_or_none
 from jaxgrity.model.clusters import added_up, cables_of, in_series
-from jaxgrity.model.laws import Configuration, EnergyTerm, member_names
+from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, Motion, member_names
 from jaxgrity.model.pulleys import built_lengths
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.structure import Members, per_member
@@ -93,6 +93,57 @@ class ForceLimit(EnergyTerm):
 
     def scaled(self, factors):
         return dataclasses.replace(self, factors=factors)
+
+
+class DeadBand(EnergyTerm):
+    """Cables that push when they are shorter than L(t) by more than w: U = sum K/2 max(0, L(t) - w - l)^2.
+
+    Within the dead band, of width w, they are slack. A width of L never pushes. Made by `dead_band`.
+    """
+
+    width: AnyRows = eqx.field(converter=as_float)
+    """width w of the dead band of each cable, m"""
+    factors: AnyRows | None = eqx.field(converter=as_float_or_none, default=None)
+    """factor of each cable's push, for reports; None: 1"""
+    name: ClassVar[str] = "push of cables beyond a dead band"
+
+    def __check_init__(self):
+        check_each("dead_band", self.width, least=0.0, unit="m")
+        check_each("dead_band.factors", self.factors, least=0.0)
+
+    def energy(self, at: Configuration) -> Scalar:
+        cables = at.scene.structure.cables
+        stiffness = in_series(cables.stiffness, cables.clusters)
+        factors = 1 if self.factors is None else self.factors
+        return half_squares(factors * stiffness, positive_part(-at.stretch("cables") - self.width))
+
+    def parts(self, scene):
+        return member_names("push of cable", scene.structure.cables)
+
+    def scaled(self, factors):
+        return dataclasses.replace(self, factors=factors)
+
+
+class CableDampers(DissipationTerm):
+    """A damper beside each cable, which also acts while it is slack: R = sum c/2 l'^2. Made by `cable_dampers`."""
+
+    damping: AnyRows = eqx.field(converter=as_float)
+    """damping c of the damper beside each cable, N s/m"""
+    name: ClassVar[str] = "dampers beside cables"
+    cause: ClassVar[str] = "dampers"
+
+    def __check_init__(self):
+        check_each("damper", self.damping, least=0.0, unit="N s/m")
+
+    def dissipation(self, motion: Motion) -> Scalar:
+        clusters = motion.at.scene.structure.cables.clusters
+        return half_squares(self.damping, added_up(motion.rate_of_length("cables"), clusters))
+
+    def parts(self, scene):
+        return member_names("damper beside cable", scene.structure.cables)
+
+    def scaled(self, factors):
+        return dataclasses.replace(self, damping=self.damping * factors)
 
 
 @typed
@@ -186,5 +237,51 @@ def force_limit(cables: Members, largest: float | Sequence[float]) -> ForceLimit
         >>> scene = jaxgrity.load_scene("reference")
         >>> yielding = jaxgrity.with_terms(scene, jaxgrity.force_limit(scene.structure.cables, 150.0))
     """
-    most = per_member(largest, len(cables_of(cables.clusters, len(cables.edges))), "largest_force")
-    return ForceLimit(most)
+    return ForceLimit(_each_cable(cables, largest, "largest_force"))
+
+
+@typed
+def dead_band(cables: Members, width: float | Sequence[float]) -> DeadBand:
+    """Cables that push again, with their stiffness, when they are shorter than their rest length by a width.
+
+    Args:
+        cables: the cables that push.
+        width: width of the dead band, m; one number for all cables, or one per cable (segments of one cable count as
+            one). With 0 a cable is a spring that pushes and pulls, with its rest length it never pushes.
+
+    Returns:
+        The term, for `with_terms`.
+
+    Raises:
+        InputError: a negative width, or a wrong number of widths.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> pushing = jaxgrity.with_terms(scene, jaxgrity.model.dead_band(scene.structure.cables, 0.05))
+    """
+    return DeadBand(_each_cable(cables, width, "dead_band"))
+
+
+@typed
+def cable_dampers(cables: Members, damping: float | Sequence[float]) -> CableDampers:
+    """A damper beside each cable, which resists changes of its length also while it is slack.
+
+    Args:
+        cables: the cables with dampers.
+        damping: damping c, N s/m; one number for all cables, or one per cable (segments of one cable count as one).
+
+    Returns:
+        The term, for `with_terms`.
+
+    Raises:
+        InputError: a negative damping, or a wrong number of dampings.
+
+    Example:
+        >>> scene = jaxgrity.load_scene("reference")
+        >>> damped = jaxgrity.with_terms(scene, jaxgrity.model.cable_dampers(scene.structure.cables, 2.0))
+    """
+    return CableDampers(_each_cable(cables, damping, "damper"))
+
+
+def _each_cable(cables: Members, values: float | Sequence[float], where: str) -> np.ndarray:
+    return per_member(values, len(cables_of(cables.clusters, len(cables.edges))), where)

@@ -176,10 +176,11 @@ def test_other_paths_are_refused(before, after, reason, tmp_path):
     assert str(caught.value).isprintable()
 
 
-def test_a_tendon_that_pushes_over_sites_is_refused(tmp_path):
-    """Where nodes are points no spring both ways becomes a cable; beside free bodies one that is stretched does."""
-    with pytest.raises(InputError, match="tendon t0: pushes along 4 sites; expected springlength from 0 on"):
-        found(tmp_path, PUSHING)
+def test_a_tendon_that_pushes_over_sites_is_a_cable_that_pushes(tmp_path):
+    """Where nodes are points, without a dead band; beside free bodies one that is stretched does not push."""
+    pushing = found(tmp_path, PUSHING).scene
+    assert len(pushing.structure.cables.clusters) == 2
+    np.testing.assert_array_equal(pushing.terms[0].width, 0.0)
     beside = model(*ROBOTS["rods"][:2]).replace('springlength="0 ', 'springlength="')
     scene, notes = found(tmp_path, beside)
     assert "6 tendons would push, too, if they went slack; here they are cables, which do not" in notes

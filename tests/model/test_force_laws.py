@@ -1,4 +1,4 @@
-"""Tables of forces and largest forces of cables: the force by hand, clusters, scene files, what is refused."""
+"""Tables, largest forces, dead bands, dampers beside cables: the force by hand, clusters, files, what is refused."""
 
 import dataclasses
 from typing import ClassVar
@@ -30,12 +30,14 @@ from jaxgrity import (
     scene_text,
     with_terms,
 )
+from jaxgrity.model import cable_dampers, dead_band
 from jaxgrity.statics import inspect_structure
 from jaxgrity.stepping import step_limit
 
 STRETCH, FORCE = [0.0, 0.01, 0.03, 0.05], [0.0, 6.0, 10.0, 30.0]
 TABLE = scene_text("reference").replace("stiffness = 600.0", f"force = {{ stretch = {STRETCH}, force = {FORCE} }}")
 LIMIT = scene_text("reference").replace("stiffness = 600.0", "stiffness = 600.0\nlargest_force = 100.0")
+BAND = LIMIT.replace("largest_force", "damper = 2.0\ndead_band = 0.1\nlargest_force")
 
 
 def pull_of(scene: Scene, stretch: np.ndarray) -> np.ndarray:
@@ -109,6 +111,31 @@ def test_no_spring_pulls_with_more_than_the_largest_force(segments):
     np.testing.assert_allclose(pull_of(scene, segments * s), np.clip(600.0 * s, 0, 12.0), atol=1e-9)
 
 
+@pytest.mark.parametrize("segments", [1, 2])
+def test_cables_push_beyond_their_dead_band(segments):
+    """And not within it; a band of the whole cable's rest length never pushes."""
+    plain = cord(segments)
+    s = np.array([-0.4, -0.21, -0.19, -0.1, 0.02])
+    for width, push in ((segments * 0.2, np.minimum(0, s + 0.2)), (0.0, np.minimum(0, s)), (float(segments), 0 * s)):
+        scene = with_terms(plain, dead_band(plain.structure.cables, width))
+        np.testing.assert_allclose(pull_of(scene, segments * s), 600.0 * (push + np.maximum(0, s)), atol=1e-9)
+
+
+@pytest.mark.parametrize("segments", [1, 2])
+def test_a_damper_beside_a_cable_acts_while_it_is_slack_too(segments):
+    """Against the rate at which the whole cable changes its length, and not across it."""
+    scene = cord(segments)
+    scene = with_terms(scene, cable_dampers(scene.structure.cables, 3.0))
+    v = np.zeros((segments + 1, 3))
+    v[0], v[-1] = [0.1, 0.4, 0.0], [0.5, 0.0, 0.7]
+    for stretch in (-0.3, 0.3):
+        q = np.array(scene.structure.nodes)
+        q[-1, 0] += stretch
+        force = -jax.grad(scene.dissipation)(v, q, 0.0, None)
+        np.testing.assert_allclose(force[0], [3.0 * 0.4, 0, 0], atol=1e-12)
+        np.testing.assert_allclose(force[-1], [-3.0 * 0.4, 0, 0], atol=1e-12)
+
+
 def test_a_table_follows_the_stiffness_of_its_cables():
     """Of robots that differ: in a cable that is softer each force is smaller, in one that is broken there is none."""
     scene = cord(2)
@@ -150,7 +177,7 @@ def test_a_table_that_stiffens_asks_for_smaller_steps():
     np.testing.assert_allclose(limits[1] / limits[0], np.sqrt(0.6), rtol=1e-6)
 
 
-@pytest.mark.parametrize("text", [TABLE, LIMIT], ids=["table", "limit"])
+@pytest.mark.parametrize("text", [TABLE, LIMIT, BAND], ids=["table", "limit", "band"])
 def test_scene_files_have_them(text, tmp_path):
     scene = parse_scene(text)
     assert scene.terms[0].name in describe(scene)
@@ -159,6 +186,7 @@ def test_scene_files_have_them(text, tmp_path):
     q = scene.structure.nodes * 1.1
     energy = eqx.filter_jit(lambda scene: scene.potential_energy(q, 0.0))
     assert float(energy(again)) == float(energy(scene))
+    assert eqx.tree_equal(again.terms, scene.terms)
     with pytest.raises(InputError, match="knows linear springs alone"):
         inspect_structure(scene)
 
@@ -185,3 +213,5 @@ def test_bad_tables_are_refused(old, new, words):
         force_table(load_scene("reference").structure.cables, [0.0, 1.0], [0.0, 5.0])
     with pytest.raises(InputError, match=r"largest_force\[\d+\] = -1 N: expected a positive number"):
         force_limit(load_scene("reference").structure.cables, -1.0)
+    with pytest.raises(InputError, match=r"cables: dead_band has 2 numbers; expected one, or 24"):
+        parse_scene(BAND.replace("dead_band = 0.1", "dead_band = [0.1, 0.2]"))

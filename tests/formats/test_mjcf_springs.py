@@ -1,0 +1,172 @@
+"""MuJoCo models with springs that push and pull, dead bands and dampers: free flight as there; written as they were."""
+
+import numpy as np
+import pytest
+
+from jaxgrity import Gait, InputError, SolverOptions, load_scene, save_scene, simulate, with_gait, with_terms
+from jaxgrity.formats import read_mjcf, save_mjcf
+from jaxgrity.model import cable_dampers, dead_band
+from jaxgrity.model.force_laws import CableDampers, DeadBand
+
+mujoco = pytest.importorskip("mujoco")
+
+APART = 'contype="0" conaffinity="0"'
+POINT = (
+    '<body name="{n}" pos="{x}">'
+    + "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+    + f'<geom type="sphere" size="0.01" mass="0.4" {APART}/><site name="{{n}}0"/></body>'
+)
+BOX = (
+    '<body name="{n}" pos="{x}" euler="20 30 40"><freejoint/><site name="{n}0" pos="0.1 0.2 0.05"/>'
+    '<site name="{n}1" pos="-0.1 0.2 -0.05"/><site name="{n}2" pos="0 -0.2 0"/>'
+    f'<geom type="box" size="0.1 0.2 0.05" mass="2" {APART}/></body>'
+)
+WORLD = {"w": (0, 0, 3), "v": (2, 0, 0), "u": (-1, 2, 0), "t": (-1, -2, 0)}
+"""Sites of the world, around the robot."""
+PULLING = 'stiffness="60" damping="1" springlength="0 1.2"'
+DEAD_BAND = 'stiffness="80" damping="0.7" springlength="{} {}"'
+
+
+def model(body, tendons):
+    """Two bodies, and tendons: the names of their sites, and their attributes."""
+    sites = "".join('<site name="{}" pos="{} {} {}"/>'.format(name, *x) for name, x in WORLD.items())
+    bodies = body.format(n="a", x="0.1 0.2 0.3") + body.format(n="b", x="0.4 -0.5 0.1")
+    text = f"<mujoco><option timestep='1e-4' integrator='RK4'/><worldbody>{sites}{bodies}</worldbody><tendon>"
+    for k, (path, law) in enumerate(tendons):
+        text += f'<spatial name="t{k}" {law}>' + "".join(f'<site site="{s}"/>' for s in path.split()) + "</spatial>"
+    return f"{text}</tendon></mujoco>"
+
+
+def found(folder, text, **how):
+    (folder / "robot.xml").write_text(text)
+    return read_mjcf(folder / "robot.xml", **how)
+
+
+def moved(text, steps):
+    """Places of the sites, m, and the lengths of tendons, m, (steps, tendons), along a motion of MuJoCo."""
+    there = mujoco.MjModel.from_xml_string(text)
+    data, lengths = mujoco.MjData(there), []
+    mujoco.mj_forward(there, data)
+    start = data.site_xpos.copy()
+    for _ in range(steps):
+        mujoco.mj_step(there, data)
+        lengths.append(data.ten_length.copy())
+    mujoco.mj_forward(there, data)
+    return start, data.site_xpos.copy(), np.array(lengths)
+
+
+def ends(scene, options):
+    """Where the nodes are after half a second, m."""
+    return np.asarray(simulate(scene, 0.5, options=options, frame_rate=2.0).positions[-1])
+
+
+def largest_error(scene, ours, text):
+    """The largest distance, m, of a site from where MuJoCo has it after half a second, and lengths on the way there."""
+    start, end, lengths = moved(text, 5000)
+    apart = np.linalg.norm(np.asarray(scene.structure.nodes) - start[:, None], axis=2)
+    there = apart.min(1) < 1e-12  # sites of the world may be no nodes
+    assert there.sum() > 4
+    assert np.abs(end - start).max() > 0.1
+    return np.abs(ours[apart.argmin(1)] - end)[there].max(), lengths
+
+
+def check_both_sides(lengths, dead_bands):
+    """Of each such tendon: it pushes at some time, and pulls at another."""
+    for k, (low, high) in dead_bands.items():
+        assert lengths[:, k].min() < low
+        assert lengths[:, k].max() > high
+
+
+TENDONS = [
+    ("v a0", 'stiffness="60" springlength="0 1.2"'),
+    ("t b0", 'stiffness="60" springlength="0 1.2"'),
+    ("v a0", 'damping="3"'),  # beside the first one
+    ("t a0", 'damping="0.5"'),  # alone
+    ("w a0", DEAD_BAND.format(2.8, 3.0)),
+    ("w b0", DEAD_BAND.format(3.3, 3.3)),
+    ("v b0 a0 u", DEAD_BAND.format(5.0, 5.0)),
+    ("w t", 'stiffness="10" springlength="0 1"'),
+]
+
+
+def same(ours, theirs):
+    """Whether cables, struts, dead bands and dampers are those of another scene, to rounding."""
+    for mine, other in zip(ours.structure.members, theirs.structure.members, strict=True):
+        assert list(map(set, mine.edges)) == list(map(set, other.edges))
+        assert mine.clusters == other.clusters
+        for name in ("stiffness", "rest_length", "damping"):
+            values = (0.0 if getattr(each, name) is None else getattr(each, name) for each in (mine, other))
+            np.testing.assert_allclose(*values, rtol=1e-12, atol=1e-12, err_msg=name)
+    assert [type(term) for term in ours.terms] == [type(term) for term in theirs.terms] == [DeadBand, CableDampers]
+    np.testing.assert_allclose(ours.terms[0].width, theirs.terms[0].width, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(ours.terms[1].damping, theirs.terms[1].damping, rtol=1e-12)
+
+
+def test_points_fly_as_in_mujoco(tmp_path):
+    """RK4 at 1e-4 s in both, 0.5 s: within 1e-6 m."""
+    text = model(POINT, TENDONS)
+    scene, notes = found(tmp_path, text)
+    error, lengths = largest_error(scene, ends(scene, SolverOptions(method="rk4", dt=1e-4)), text)
+    assert error < 1e-6
+    check_both_sides(lengths, {4: (2.8, 3.0), 6: (5.0, 5.0)})
+    said = " ".join(notes)
+    assert "2 tendons are cables that push when they are short, as springs there do" in said
+    assert "1 tendons without a spring are dampers: t3" in said
+    assert "damping of tendons acts there while they are slack" not in said
+    # written for both programs, and read again
+    written = save_mjcf(scene, tmp_path / "again.xml")
+    assert written.notes == ()
+    same(read_mjcf(tmp_path / "again.xml").scene, scene)
+    save_scene(scene, tmp_path / "robot.toml")
+    same(load_scene(tmp_path / "robot.toml"), scene)
+
+
+@pytest.mark.slow
+def test_bodies_fly_as_in_mujoco(tmp_path):
+    """Of free bodies, too: within 1e-6 m, extrapolated from steps of 0.05 and 0.1 ms."""
+    tendons = [
+        ("v a0", 'stiffness="60" springlength="0 1.2"'),
+        ("t b0", 'stiffness="60" springlength="0 1.2"'),
+        ("a1 b1", DEAD_BAND.format(0.9, 1.2)),
+        ("w a2", DEAD_BAND.format(3.0, 3.2)),
+        ("u b2", 'damping="0.5"'),
+    ]
+    text = model(BOX, tendons)
+    scene, _ = found(tmp_path, text)
+    assert len(scene.structure.bodies) == 2
+    fine, coarse = (ends(scene, SolverOptions(dt=dt)) for dt in (1e-4, 2e-4))
+    error, lengths = largest_error(scene, fine + (fine - coarse) / 3, text)
+    assert error < 1e-6
+    check_both_sides(lengths, {2: (0.9, 1.2), 3: (3.0, 3.2)})
+
+
+def test_a_limit_that_is_reached_is_refused_with_what_to_write(tmp_path):
+    """A soft stop; one that the robot does not reach is left out with a note."""
+    limited = [*TENDONS[:2], ("w b0", 'limited="true" range="0 {}"')]
+    text = model(POINT, limited)
+    said = 'limited to 0 to 3 m, a soft stop; a cable that is slack below it has springlength="0 3" and a stiffness'
+    with pytest.raises(InputError, match=said):
+        found(tmp_path, text.format(3))
+    notes = found(tmp_path, text.format(9)).notes
+    assert any("9 m there, not reached within 0.5 s without controls, and not at all here" in note for note in notes)
+
+
+def test_cables_that_a_gait_moves_keep_their_dampers(reference, tmp_path):
+    """Beside an actuator's tendon as one of their own. Beyond a dead band these do not push there, says a note."""
+    cables = reference.structure.cables
+    widths = np.asarray(cables.rest_length).copy()
+    widths[[0, 1, 3]] = 0.0, 0.1, 0.1
+    gait = Gait((6, 7, 8), np.zeros(3), np.full(3, 0.1), np.ones(3))
+    given = with_terms(
+        with_gait(reference, gait), dead_band(cables, widths.tolist()), cable_dampers(cables, [*map(float, range(24))])
+    )
+    written = save_mjcf(given, tmp_path / "robot.xml")
+    assert "1 cables that actuators move do not push beyond their dead bands there" in written.notes
+    assert "cables are damped there while they are slack, too" in written.notes
+    there = mujoco.MjModel.from_xml_string(written.xml)
+    assert there.ntendon == 6 + 24 + 22  # the first cable has none, and that of the pushing one is its tendon's
+    assert there.tendon_damping[there.tendon("cable3").id] == 8 + 3
+    np.testing.assert_array_equal(there.actuator_forcelimited[:3], [0, 1, 1])
+    again = read_mjcf(tmp_path / "robot.xml").scene
+    assert len(again.structure.struts.edges) == 7  # the first cable pushes and pulls
+    np.testing.assert_array_equal(again.terms[1].damping, [1, 2, 3 + 8, *range(4, 24)])
