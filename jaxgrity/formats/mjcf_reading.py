@@ -101,8 +101,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     x, carrier, shared = shared_nodes(x, carrier, joints)
     if any(is_free(model, body) for body in carrier.tolist()):
         springs = _as_cables(springs, x, notes)
-    several = [spring.kind == "strut" and len(spring.path) > 2 for spring in springs]
-    springs = [pushing_cable(each, 0.0) if both else each for each, both in zip(springs, several)]
+    springs = [pushing_cable(each, 0.0) if each.kind == "strut" and len(each.path) > 2 else each for each in springs]
     springs = with_dampers_beside(springs)
     pushing = [spring for spring in springs if spring.kind == "strut"]
     # rods are rigid struts, beside which no strut is a spring, and no cable runs along one: these rods are bodies, too
@@ -252,12 +251,12 @@ def _laws(springs: list[Spring], cables: Members | None, notes: list[str]) -> tu
     if cables is None:
         return ()
     bands, dampers = zip(*((min(each.dead_band, each.rest_length), each.damper) for each in springs))
-    pushing = sum(band < each.rest_length for band, each in zip(bands, springs))
-    notes += [f"{pushing} tendons are cables that push when they are short, as springs there do"] * (pushing > 0)
-    alone = [each.name for each in springs if not each.stiffness]
-    notes += [f"{len(alone)} tendons without a spring are dampers: {some_of(alone)}"] * (len(alone) > 0)
+    if pushing := sum(band < each.rest_length for band, each in zip(bands, springs)):
+        notes.append(f"{pushing} tendons are cables that push when they are short, as springs there do")
+    if alone := [each.name for each in springs if not each.stiffness]:
+        notes.append(f"{len(alone)} tendons without a spring are dampers: {some_of(alone)}")
     laws: list[Law] = [dead_band(cables, bands)] if pushing else []
-    return (*laws, *([cable_dampers(cables, dampers)] if any(dampers) else []))
+    return (*laws, cable_dampers(cables, dampers)) if any(dampers) else tuple(laws)
 
 
 def _note_controls(springs: list[Spring], first: int, notes: list[str]) -> None:

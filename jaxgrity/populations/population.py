@@ -84,10 +84,13 @@ def gaits_of(gait: Gait | None, phase: Phases, amplitude: Table | None = None, f
 
     count = len(gait.members)
     for name, given in (("phase", phase), ("amplitude", amplitude), ("frequency", frequency)):
-        if (given is not None or name == "phase") and (np.ndim(given) != 2 or np.shape(given)[1] != count):
-            raise InputError(f"{name} has shape {np.shape(given)}; expected (gaits, {count}), one per actuated member")
-        if given is not None and np.shape(given) != np.shape(phase):
-            raise InputError(f"{name} has {len(given)} rows; expected {len(phase)}, as many as phase has")
+        if given is None and name != "phase":
+            continue
+        shape = () if given is None else np.shape(given)
+        if len(shape) != 2 or shape[1] != count:
+            raise InputError(f"{name} has shape {shape}; expected (gaits, {count}), one per actuated member")
+        if shape != np.shape(phase):
+            raise InputError(f"{name} has {shape[0]} rows; expected {len(phase)}, as many as phase has")
     varied = rows(amplitude, gait.amplitude), rows(frequency, gait.frequency)
     overtones = tuple(Overtone(rows(None, o.size), rows(None, o.phase)) for o in gait.overtones)
     return Gait(gait.members, phase, *varied, gait.start, gait.ramp, overtones, gait.robot)

@@ -50,9 +50,9 @@ class EvenSteps(diffrax.AbstractStepSizeController):
     """number of steps that were taken before"""
     number: AnyArray
     """number of steps of the whole motion"""
-    first: Scalar
+    first: AnyArray
     """size of its first step, s"""
-    end: Scalar
+    end: AnyArray
     """of the whole motion, s; it starts at 0"""
 
     def wrap(self, direction):
@@ -101,7 +101,8 @@ def in_pieces(
     times, nodes = np.asarray(times, options.dtype), len(start[0])
     steps, carried = _begun(scene, start, times[-1], options)
     steps = jax.tree.map(np.asarray, steps)
-    end, number, failure = times[-1], int(steps.number), np.asarray(0)
+    end, number = times[-1], int(steps.number)
+    failure: AnyArray = jnp.zeros((), int)
     shape = (len(times), nodes, 3)
     motion = np.full(shape, np.inf, options.dtype), np.full(shape, np.inf, options.dtype)
     size, done, seen, room = LONG // 4 // nodes, 0, 0, frames_at_once(nodes)
@@ -115,10 +116,10 @@ def in_pieces(
         saved = with_room(np.concatenate([ends[:1], times[seen:last], ends[1:]]), nodes)
         piece = replace(steps, done=np.asarray(done, np.int32))
         state = (piece, carried, start[1])
-        found, carried, failure, taken = _piece(scene, state, saved, np.asarray(last - seen + 1), options)
+        found, carried, failure, count = _piece(scene, state, saved, np.asarray(last - seen + 1), options)
         for whole, part in zip(motion, found, strict=True):
             whole[seen:last] = np.asarray(part)[1 : 1 + last - seen]
-        taken = int(taken)
+        taken = int(count)
         done, seen = done + taken, last
         if done < until:  # the method gave up
             break
@@ -127,7 +128,9 @@ def in_pieces(
     return motion, failure, done
 
 
-def at_frames(scene: Scene, times: Times, motion: State, since_midstep: Times | None, frames: AnyArray) -> NodeHistory:
+def at_frames(
+    scene: Scene, times: Times, motion: State, since_midstep: Times | None, frames: int | AnyArray
+) -> NodeHistory:
     """Velocities of the first `frames`, from those that the method carries; None: it has them at the frames' times."""
     if since_midstep is not None:
         return velocities_at(with_scales_and_mobility(scene), times, motion, since_midstep, frames)
@@ -147,11 +150,10 @@ def seconds_since_midstep(times: Times, begin: Scalar, h: Scalar, v: NodeVectors
 
 
 @eqx.filter_jit
-def _begun(scene: Scene, start: State, end: Scalar, options: ResolvedOptions) -> tuple[EvenSteps, Carried]:
+def _begun(scene: Scene, start: State, end: AnyArray, options: ResolvedOptions) -> tuple[EvenSteps, Carried]:
     """The steps of a motion from 0 to `end`, s, none of them taken, and the carry at its start."""
     h, zero = jnp.asarray(options.dt, options.dtype), jnp.zeros((), options.dtype)
-    if options.method.constrained:
-        h = even_step(h, end)
+    h = jnp.asarray(even_step(h, end)) if options.method.constrained else h
     carried = carried_at(discretise(options), with_scales_and_mobility(scene), zero, h, start)
     number = jnp.ceil(end / jnp.nextafter(h, jnp.inf)).astype(jnp.int32)
     return EvenSteps(jnp.zeros((), jnp.int32), number, h, end), carried
@@ -170,7 +172,7 @@ def _piece(
     The state has the motion's steps from here on, its carry, and its velocities at the very start.
     """
     steps, carried, v = state
-    saveat = diffrax.SaveAt(ts=times, t1=True, solver_state=True)
+    saveat = diffrax.SaveAt(ts=jnp.asarray(times), t1=True, solver_state=True)
     solution = integrate(carried.motion, times, scene, options, saveat, part=(steps, carried.memory))
     q, w = (x[:-1] for x in solution.ys)  # type: ignore[union-attr]
     since = None

@@ -226,8 +226,8 @@ def _long_motion(
 ) -> Trajectory:
     """`_simulate` in pieces."""
     (q, v), failure, steps = in_pieces(scene, start, times, options, on_progress)
-    saved = jax.device_put((np.asarray(times, options.dtype), q, v, failure, jnp.asarray(steps)))
-    return Trajectory(*saved, rejected=jnp.asarray(0), method=options.method.name, dt=None)
+    times, q, v, failure = jax.device_put((np.asarray(times, options.dtype), q, v, failure))
+    return Trajectory(times, q, v, failure, jnp.asarray(steps), jnp.asarray(0), options.method.name, dt=None)
 
 
 @eqx.filter_jit
