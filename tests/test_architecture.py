@@ -81,7 +81,7 @@ def test_the_package_is_read():
     """Else nothing below could fail."""
     assert len(TEXTS) > 50
     assert len(FUNCTIONS) > 300
-    assert parameters(FUNCTIONS["stepping/simulate.py: simulate"]) == 6
+    assert parameters(FUNCTIONS["stepping/simulate.py: simulate"]) == 7
 
 
 def test_modules_are_short():

@@ -64,11 +64,11 @@ class EvenSteps(diffrax.AbstractStepSizeController):
         t = self.end * (xp.asarray(steps, dtype) / xp.asarray(self.number, dtype))
         return xp.where(steps == 1, self.first, xp.where(steps == self.number, self.end, t))
 
-    def init(self, terms, t0, t1, y0, dt0, args, func, error_order):  # noqa: PLR0913
+    def init(self, *_of_the_whole):
         return self.after(self.done + 1), self.done + 1
 
-    def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):  # noqa: PLR0913
-        steps = controller_state + 1
+    def adapt_step_size(self, t0, t1, *more):  # the last of them is the number of steps
+        steps = more[-1] + 1
         return True, t1, self.after(steps), False, steps, diffrax.RESULTS.successful
 
 

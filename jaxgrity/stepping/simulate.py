@@ -204,30 +204,27 @@ def simulate(
     q = scene.structure.nodes if positions is None else positions
     v = np.zeros(np.shape(q)) if velocities is None else velocities
     check_velocities(scene, (q, v), 0.0, resolved.method.constrained)
-    known, model, inputs = not traced((scene, q, v)), as_dtype(scene, resolved.dtype), resolved.as_inputs()
-    if known:
-        q, v = np.asarray(q, resolved.dtype), np.asarray(v, resolved.dtype)  # else each precision has its own program
-    if known and is_long(times, len(q), resolved):
-        trajectory = _long_motion(model, (q, v), times, inputs, on_progress)
-    else:
-        saved = with_room(times, len(q)) if known else times
-        trajectory = _simulate(model, (q, v), saved, np.asarray(len(times)), inputs)
-        if len(saved) > len(times):
-            trajectory = some_frames(trajectory, slice(len(times)))
-        on_progress(float(duration), float(duration))
+    trajectory = _motion(as_dtype(scene, resolved.dtype), (q, v), times, resolved, on_progress)
     dt = resolved.dt
     if dt is not None and resolved.method.constrained:
         dt = float(even_step(np.asarray(dt, float), np.asarray(duration, float)))
     return replace(trajectory, dt=dt, scene=scene)  # type: ignore[arg-type]
 
 
-def _long_motion(
-    scene: Scene, start: State, times: np.ndarray, options: ResolvedOptions, on_progress: OnTime
-) -> Trajectory:
-    """`_simulate` in pieces."""
-    (q, v), failure, steps = in_pieces(scene, start, times, options, on_progress)
-    times, q, v, failure = jax.device_put((np.asarray(times, options.dtype), q, v, failure))
-    return Trajectory(times, q, v, failure, jnp.asarray(steps), jnp.asarray(0), options.method.name, dt=None)
+def _motion(scene: Scene, start: State, times: np.ndarray, options: ResolvedOptions, on_progress: OnTime) -> Trajectory:
+    """`simulate` at these times (s), in one call of a program, or in pieces if the motion is long."""
+    count, inputs = np.asarray(len(times)), options.as_inputs()
+    if traced((scene, start)):
+        return _simulate(scene, start, times, count, inputs)
+    q, v = (np.asarray(x, options.dtype) for x in start)  # else each precision has its own program
+    if is_long(times, len(q), options):
+        motion, failure, steps = in_pieces(scene, (q, v), times, inputs, on_progress)
+        (q, v), at = jax.device_put((motion, np.asarray(times, options.dtype)))
+        return Trajectory(at, q, v, jnp.asarray(failure), jnp.asarray(steps), jnp.asarray(0), options.method.name, None)
+    saved = with_room(times, len(q))
+    trajectory = _simulate(scene, (q, v), saved, count, inputs)
+    on_progress(float(times[-1]), float(times[-1]))
+    return some_frames(trajectory, slice(len(times))) if len(saved) > len(times) else trajectory
 
 
 @eqx.filter_jit
