@@ -1,12 +1,28 @@
 """Parameters from measurements: exact answers, what cannot be told, bad data, robots drawn from what is left."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from typing import ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, Members, Scene, SolverOptions, Structure, simulate
+from jaxgrity import (
+    EnergyTerm,
+    InputError,
+    Members,
+    PenaltyGround,
+    Scene,
+    Shaking,
+    SolverOptions,
+    Structure,
+    SwitchFriction,
+    simulate,
+    with_terms,
+)
 from jaxgrity.identification import (
     Identified,
     Parameter,
@@ -25,6 +41,7 @@ from jaxgrity.identification import (
     profile_likelihood,
     uncertainty_of,
 )
+from jaxgrity.identification.measurements import Measurement
 from jaxgrity.identification.parameters import check_parameters
 from jaxgrity.model import rigid_body
 
@@ -306,6 +323,20 @@ def test_supports_start_where_they_are_and_not_where_they_were_seen():
     free, nodes = np.asarray(hanging().structure.free), hanging().structure.nodes
     np.testing.assert_array_equal(state[:, :, ~free], np.stack([[nodes[~free], 0 * nodes[~free]]] * 2))
     assert np.all(state[:, :, free] != np.stack([nodes[free], 0 * nodes[free]]))
+
+
+def test_supports_follow_parameters_of_their_shaking_in_every_window():
+    """They are where the changed scene has them, and their jumps, which are none, do not count as small residuals."""
+    scene = replace(hanging(), shaking=Shaking([0.02, 0.0, 0.0], 3.3, ramp=0.05))
+    path = np.broadcast_to(scene.structure.nodes, (11, 2, 3))
+    options, support = SolverOptions("rk4", dt=5e-3), SeenPositions((0,), "x")
+    motion = measured_motion(scene, TIMES, np.zeros((11, 1)), 1e-3, support, Starts(path, windows=2), options=options)
+    twice = changed(scene, [Parameter("shaking.amplitude", 1.0)], np.array([np.log(2)]))
+    seen, jumps = motion.predict(twice, jnp.asarray(motion.starts()[0]))
+    expected = [2 * scene.shaking.displacement(jnp.asarray(t))[0] for t in TIMES]
+    np.testing.assert_allclose(seen[:, 0], expected, atol=1e-5)
+    assert np.abs(expected).max() > 0.01
+    assert jumps.shape == (2,)  # of the one free coordinate, and of its velocity
 
 
 def motion_of(times, values, **how):
