@@ -303,6 +303,17 @@ def test_two_frictions_are_not_one_factor(stiffer):
         uncertainty_of(drawn)
 
 
+@pytest.mark.parametrize("name", ["mu_static", "mu_kinetic"])
+def test_one_of_two_frictions_does_not_take_the_other_along(stiffer, name):
+    """Robots of a population differ in both: the other one would be off where it was never in doubt."""
+    switch = replace(hanging(), ground=PenaltyGround(1e4, 1.0), friction=SwitchFriction(0.6, 0.5, 0.01))
+    one = (Parameter(f"friction.{name}", 0.3),)
+    drawn = stiffer._replace(scene=switch, parameters=one, covariance=0.01 * np.eye(1), z=np.zeros(1))
+    for use in (lambda: posterior_robots(jax.random.key(0), drawn, 3), lambda: uncertainty_of(drawn)):
+        with pytest.raises(InputError, match=rf"friction\.{name}: robots differ alike in friction\.mu_"):
+            use()
+
+
 def test_robots_differ_in_no_gravity(stiffer):
     """All of a population are in the same field."""
     with pytest.raises(InputError, match="gravity: robots of a population cannot differ in it"):
