@@ -393,6 +393,10 @@ BAD = {
         lambda: identify(hanging(), [STIFFNESS], poses(heights(100.0)), tolerance=np.nan),
         "tolerance = nan",
     ),
+    "twice": (
+        lambda: identify(hanging(), [STIFFNESS, STIFFNESS._replace(spread=0.1)], poses(heights(100.0))),
+        "named twice",
+    ),
     "no spread": (lambda: identify(hanging(), [Parameter("gravity", 0.0)], poses(heights(100.0))), "spread = 0: "),
 }  # fmt: skip
 
