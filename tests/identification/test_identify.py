@@ -113,6 +113,43 @@ def test_intervals_widen_where_the_model_does_not_fit():
 
 
 @pytest.mark.slow
+class Weighed(Measurement):
+    """Of two columns, the first is the energy of the given shape, and nothing is measured in the second."""
+
+    values: np.ndarray
+    noise: np.ndarray
+
+    def starts(self):
+        return np.zeros(0), np.zeros(0)
+
+    def predict(self, scene, start):
+        seen = scene.potential_energy(jnp.asarray(scene.structure.nodes), 0.0)
+        return jnp.stack([seen, seen])[None], jnp.zeros(0)
+
+
+class Bent(EnergyTerm):
+    """A law with a function among its numbers, as a network has its activation."""
+
+    bend: Callable
+    name: ClassVar[str] = "bent"
+
+    def energy(self, at):
+        return self.bend(at.q[1, 2])
+
+
+def test_laws_hold_functions_in_a_fit_too():
+    """And in a misfit, a column in which nothing was measured has none, without a warning."""
+    scene = with_terms(replace(hanging(), gravity=None), Bent(jnp.square))
+    seen = Weighed(np.array([[1.1962**2 + 120 / 2 * 0.1962**2, np.nan]]), np.full((1, 2), 1e-3))
+    found = identify(scene, [STIFFNESS], seen)
+    np.testing.assert_allclose(found.estimates[0].value, 1.2, rtol=1e-3)
+    misfit = misfit_of(scene, seen)
+    np.testing.assert_allclose(misfit["rms"], [10 * 0.1962**2, np.nan])
+    np.testing.assert_allclose(misfit["misfit"], 1e4 * 0.1962**2)
+    fails = eqx.tree_at(lambda s: s.structure.cables.stiffness, scene, np.array([np.nan]))
+    assert misfit_of(fails, seen)["misfit"] == np.inf
+
+
 def test_what_data_cannot_tell_gets_no_number():
     """Poses tell stiffness over mass alone: neither of the two, and one combination, their product."""
     found = identify(hanging(), [STIFFNESS, MASS], poses(heights(120.0)))
