@@ -117,8 +117,8 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
         if not parts:
             lacking = "robots cannot differ in it, since the scene does not model it"
             raise InputError(f"{name}: {lacking}; expected it there")
-        nodes = len(scene.structure.nodes)
-        factor = jnp.broadcast_to(value[None], (nodes, *jnp.shape(value))) if name == "friction" else value
+        each = name == "friction" and jnp.ndim(value)  # one number, common to all robots, stays one
+        factor = jnp.broadcast_to(value[None], (len(scene.structure.nodes), *value.shape)) if each else value
         for part in parts:
             scene = eqx.tree_at(partial(part_of, path=part), scene, part_of(scene, part) * factor)
     return scene
@@ -281,8 +281,7 @@ def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
     """(robots, 3), m: the surface's place, moved by (robots, 2), and up or down: starts stay as high above it."""
     ground = scene.ground
     if ground is None or ground.surface is None:
-        lacking = "robots cannot differ in it, since the ground is a plane or missing"
-        raise InputError(f"terrain: {lacking}; expected a surface")
+        raise InputError("terrain: robots cannot differ in it, since the ground is a plane or none; expected a surface")
     if ground.balls is not None or radii_along_struts(scene):
         what = "balls" if ground.balls is not None else "contact along struts"
         raise InputError(f"terrain: robots with {what} would start in the ground; expected terrain = 0, or no {what}")

@@ -390,4 +390,7 @@ def test_a_place_is_no_factor(exact, name):
     """One number for all coordinates is refused, as a factor would not be."""
     with pytest.raises(InputError, match=rf"differences.{name} has shape \(\); expected \(2, .*3\), a row for each"):
         Differences(**{name: np.array(1.0)}).check(exact, 2)
-    Differences(friction=np.array(0.5)).check(exact, 2)
+    common = Differences(friction=np.array(0.5))
+    common.check(exact, 2)
+    scene, axes = in_lanes(as_dtype(exact, "float64"), lanes_last(gaits(exact, 2)), common)
+    assert (float(scene.friction.mu), axes.friction.mu) == (0.5 * float(exact.friction.mu), None)
