@@ -121,6 +121,8 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
         factor = jnp.broadcast_to(value[None], (len(scene.structure.nodes), *value.shape)) if each else value
         for part in parts:
             scene = eqx.tree_at(partial(part_of, path=part), scene, part_of(scene, part) * factor)
+        if name == "cable_stiffness" and (damping := part_of(scene, "structure.cables.damping")) is not None:
+            scene = eqx.tree_at(lambda s: s.structure.cables.damping, scene, damping * (value != 0))
     return scene
 
 
