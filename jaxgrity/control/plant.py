@@ -194,7 +194,8 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
         expected = f"q and v of shape {plant.scene.structure.nodes.shape} each"
         raise InputError(f"start has arrays of shape {', '.join(map(str, sorted(set(shapes))))}: expected {expected}")
     motion = start_of(plant.scene) if start is None else jax.tree.map(lambda x: jnp.asarray(x, dtype), tuple(start))
-    return begun(plant, key, possible(plant.scene, plant.lift, motion, one=plant.robots is None))
+    alone, constrained = plant.robots is None, plant.options.method.constrained
+    return begun(plant, key, possible(plant.scene, plant.lift, motion, one=alone, constrained=constrained))
 
 
 def begun(plant: Plant, key: Any, motion: State, tick: Any = 0, contraction: AnyArray | None = None) -> PlantState:

@@ -15,8 +15,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -30,6 +28,7 @@ from jaxgrity.identification.measurements import Measurement, check_units, predi
 from jaxgrity.identification.parameters import Known, Parameter, Unknowns, changed, check_parameters
 from jaxgrity.identification.residuals import ResidualTests, Series, judged_residuals, scores_covariance, widened
 from jaxgrity.identification.twin_fit import TwinFit, compared, disagreement, twin_problem
+from jaxgrity.model.scene import as_dtype
 
 TOLD = 0.5
 """Data determine a parameter whose standard deviation they bring below this share of its plausible spread."""
@@ -139,7 +138,7 @@ def identify(
     count = sum(int(np.isfinite(each.values).sum()) for each in every)
     if count < len(parameters):
         raise InputError(f"{count} numbers measured for {len(parameters)} parameters; expected at least as many")
-    problem = fitting_problem(jax.tree.map(lambda x: jnp.asarray(x, "float64"), scene), parameters, every)
+    problem = fitting_problem(as_dtype(scene, "float64"), parameters, every)
     first = np.zeros(sum(problem.sizes))
     r = np.asarray(residuals(first, problem))
     if not np.isfinite(r).all():
@@ -162,14 +161,16 @@ def misfit_of(scene: Known, measured: Measurement, start: AnyArray | None = None
         start: the further unknowns; by default their guess.
 
     Returns:
-        "rms": (columns,), root mean squares of predicted less measured, SI units; "misfit": that of all, in standard
-        deviations of the noise.
+        "rms": (columns,), root mean squares of predicted less measured, SI units, NaN where nothing was measured;
+        "misfit": that of all, in standard deviations of the noise. Both are infinite where the prediction fails.
     """
     guess = measured.starts()[0] if start is None else start
-    difference = np.asarray(predicted(measured, scene, guess)) - measured.values
+    found, seen = np.asarray(predicted(measured, scene, guess)), np.isfinite(measured.values)
+    difference = np.where(np.isfinite(found), found, np.inf) - measured.values
+    squares, count = np.sum(np.where(seen, difference, 0) ** 2, axis=0), seen.sum(0)
     return {
-        "rms": np.sqrt(np.nanmean(difference**2, axis=0)),
-        "misfit": np.sqrt(np.nanmean((difference / measured.noise) ** 2)),
+        "rms": np.sqrt(np.divide(squares, count, out=np.full(len(count), np.nan), where=count > 0)),
+        "misfit": np.sqrt(np.mean((difference / measured.noise)[seen] ** 2)),
     }
 
 

@@ -135,8 +135,8 @@ def speed_forecast(
         Speeds, slopes and shares.
 
     Raises:
-        InputError: no such gait, a gait without an orbit, fewer than 5 robots, or as `posterior_robots` and
-            `find_orbit`.
+        InputError: no such gait, a gait without an orbit, fewer than 5 robots, lengths of rigid struts among the
+            parameters, or as `posterior_robots` and `find_orbit`.
     """
     if robots < FEWEST:
         raise InputError(f"robots = {robots}: expected at least {FEWEST}, to see how they differ")
@@ -145,6 +145,9 @@ def speed_forecast(
         raise InputError(f"found: the scene is a {type(scene).__name__}; expected what identify made of a Scene")
     drawn = deviates(key, found, robots)
     differences = robots_at(found, drawn)
+    if differences.strut_rest_length is not None and scene.structure.struts.rigid:  # type: ignore[union-attr]
+        found_in = "structure.struts.rest_length: rigid struts of other lengths cannot start on the same orbit"
+        raise InputError(f"{found_in}; expected struts as springs, or a fit without it")
     on_progress(0, 3)
     orbit = find_orbit(scene, duration, options=options)
     on_progress(1, 3)

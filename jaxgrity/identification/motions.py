@@ -12,7 +12,7 @@ from jaxtyping import Float
 from jaxgrity.core.arguments import check_count, check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Times
+from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, Times
 from jaxgrity.identification.measurements import Measurement, Values, checked
 from jaxgrity.identification.observations import SeenQuantity
 from jaxgrity.model.actuation import Commands
@@ -59,7 +59,7 @@ class MeasuredMotion(Measurement):
     def predict(self, scene, start):
         scene, states = self._commanded(scene), self._states(start)
         found = jax.lax.map(lambda one: self._window(scene, *one), (states, jnp.asarray(self.times)))
-        return self._nearest(scene, *self._joined(*found, states))
+        return self._nearest(scene, *self._joined(scene, *found, states))
 
     def linearised(self, scene_at, z, start):
         """Window by window: each depends on its own start alone, and all starts at once would cost their square."""
@@ -81,8 +81,9 @@ class MeasuredMotion(Measurement):
 
         y = jnp.concatenate([jnp.broadcast_to(z, (windows, count)), start.reshape(windows, own)], axis=1)
         found, slopes = jax.lax.map(window, (states, jnp.asarray(self.times), y))
-        slopes = self._joined(*(_spread_out(slope, count) for slope in slopes))
-        return self._nearest(scene_at(z), *self._joined(*found)), slopes
+        scene = scene_at(z)
+        slopes = self._joined(scene, *(_spread_out(slope, count) for slope in slopes))
+        return self._nearest(scene, *self._joined(scene, *found)), slopes
 
     def _commanded(self, scene):
         return scene if self.commands is None else with_commands(scene, self.commands)
@@ -96,20 +97,28 @@ class MeasuredMotion(Measurement):
         return states.ravel().at[np.array(self.unknown, int)].set(start).reshape(states.shape)
 
     def _window(self, scene, state, times):
-        """The observations in a window, a row for each frame, and the state at its end."""
+        """The observations in a window, a row for each frame, and the state at its end.
+
+        Unless the start is known, supports are where this scene has them: parameters may move them.
+        """
+        if self.unknown:
+            state = with_supports_placed(scene, times[0], state)
         if self.steps:
             q, v = states_at(scene, (state[0], state[1]), times, self.steps, self.options)
         else:
             q, v = integrate((state[0], state[1]), times, scene, self.options).ys  # type: ignore[misc]
         return jax.vmap(lambda q, t: self.observation.seen(scene, q, t))(q, times), jnp.stack([q[-1], v[-1]])
 
-    def _joined(self, seen, ends, states):
-        """The rows of all windows, and the jumps between windows; with one more axis, the derivatives of both."""
+    def _joined(self, scene, seen, ends, states):
+        """The rows of all windows, and the jumps between windows; with one more axis, the derivatives of both.
+
+        Supports jump nowhere, and count as no residuals: these would make the misfit smaller.
+        """
         # the last frame of a window is the first of the next one, and counts once
         rows = jnp.concatenate([seen[:, :-1].reshape(-1, *seen.shape[2:]), seen[-1, -1:]])
         allowed = jnp.asarray(self.jump).reshape(2, 1, 1, *[1] * (states.ndim - 4))
-        jumps = (ends[:-1] - states[1:]) / allowed
-        return rows, jumps.reshape(-1, *jumps.shape[4:])
+        jumps = ((ends[:-1] - states[1:]) / allowed)[:, :, scene.structure.free]
+        return rows, jumps.reshape(-1, *jumps.shape[3:])
 
 
 def _spread_out(slopes: AnyArray, count: int) -> AnyArray:
@@ -156,7 +165,8 @@ def measured_motion(
         values: (frames, columns of the observation), SI units; NaN where missing.
         noise: their standard deviation: one number, one for each column, or one for each value.
         observation: the columns.
-        starts: the start of the motion, and its uncertainty. Supports start where the structure has them.
+        starts: the start of the motion, and its uncertainty. If it is not known, supports start where the structure has
+            them.
         options: solver options; by default the scene's. The precision is float64.
 
     Returns:
@@ -189,7 +199,8 @@ def measured_motion(
         state = np.stack([path[:1], 0 * path[:1]], axis=1)
     else:
         resolved = resolve(scene, options=options, dtype="float64")
-        state = np.stack([_with_supports(scene, times[k], state_at(times, path, k)) for k in first])
+        with jax.enable_x64(True):
+            state = np.stack([with_supports_placed(scene, times[k], state_at(times, path, k)) for k in first])
     deviations, jump = _deviations(scene, starts)
     spread = np.ones(state.shape) * deviations[:, None, None] * scene.structure.free
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
@@ -240,11 +251,11 @@ def state_at(times: np.ndarray, path: np.ndarray, frame: int) -> np.ndarray:
     return fitted[:2].reshape(2, *path.shape[1:])
 
 
-def _with_supports(scene: Scene, t: float, state: np.ndarray) -> np.ndarray:
+def with_supports_placed(scene: Scene, t: Scalar, state: AnyArray) -> jax.Array:
     """The state with supports where the structure has them at `t`, s: their measured places are no more than noise."""
-    q, v = np.asarray(scene.structure.nodes, float), np.zeros(3)
+    q: AnyArray = jnp.asarray(scene.structure.nodes)
+    v: AnyArray = jnp.zeros(3)
     if scene.shaking is not None:
-        with jax.enable_x64(True):
-            now = jnp.asarray(t)
-            q, v = q + np.asarray(scene.shaking.displacement(now)), np.asarray(scene.shaking.velocity(now))
-    return np.where(scene.structure.free, state, np.stack([q, np.broadcast_to(v, q.shape)]))
+        now = jnp.asarray(t, q.dtype)
+        q, v = q + scene.shaking.displacement(now), scene.shaking.velocity(now)
+    return jnp.where(scene.structure.free, state, jnp.stack([q, jnp.broadcast_to(v, q.shape)]))

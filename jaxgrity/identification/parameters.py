@@ -75,5 +75,5 @@ def check_parameters(scene: Known, parameters: Sequence[Parameter]) -> None:
             raise InputError(f"{where}: the scene has no such numbers; expected a path such as structure.node_mass")
         rows = np.shape(leaf)[0] if np.ndim(leaf) else 0
         check_indices(f"{where}: parts", parameter.parts or (), rows)
-        if parameter in parameters[:k]:
+        if parameter.name in [other.name for other in parameters[:k]]:
             raise InputError(f"{where}: named twice; expected each parameter once")

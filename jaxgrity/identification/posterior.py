@@ -30,7 +30,8 @@ def posterior_robots(key: jax.Array, found: Identified, count: int) -> Differenc
         The `differences` for `simulate_population(found.scene, ...)`.
 
     Raises:
-        InputError: a parameter in which robots of a population cannot differ.
+        InputError: a parameter in which robots of a population cannot differ, or not without another: they differ alike
+            in both coefficients of the Coulomb switch.
     """
     return robots_at(found, deviates(key, found, count))
 
@@ -65,10 +66,19 @@ def _one_path(found: Identified, own: list[int]) -> str:
     paths = sorted({found.parameters[k].path for k in own})
     if len(paths) > 1:
         raise InputError(f"{', '.join(paths)}: robots differ alike in them; expected one of them")
+    _check_alone(found, paths[0])
     known = np.asarray(part_of(found.scene, paths[0]))
     if any(found.parameters[k].kind == "offset" for k in own) and np.any(known == 0):
         raise InputError(f"{paths[0]}: an offset of 0 is no factor; expected factors, or numbers other than 0")
     return paths[0]
+
+
+def _check_alone(found: Identified, path: str) -> None:
+    """Refuse a part whose factor in populations would change another part of the scene too."""
+    (alike,) = (paths for paths in DIFFERING.values() if path in paths)
+    others = [other for other in alike if other != path and part_of(found.scene, other) is not None]
+    if others:
+        raise InputError(f"{path}: robots differ alike in {', '.join(others)}; expected a scene with one of them")
 
 
 def _ratio(found: Identified, path: str, numbers: list[int], dz: np.ndarray) -> np.ndarray:
@@ -91,7 +101,8 @@ def uncertainty_of(found: Identified, **others: float) -> Uncertainty:
         others: further half-widths of the `Uncertainty`, such as `phase=0.03`.
 
     Raises:
-        InputError: a parameter of another kind, two for the same half-width, or a half-width of 1 or more.
+        InputError: a parameter of another kind, two for the same half-width, one coefficient of the Coulomb switch, or
+            a half-width of 1 or more.
     """
     names = {path: name for name in ("friction", "cable_stiffness") for path in DIFFERING[name]}
     widths = {}
@@ -100,5 +111,6 @@ def uncertainty_of(found: Identified, **others: float) -> Uncertainty:
             raise InputError(f"{parameter.name}: an Uncertainty has no half-width for it; expected {', '.join(names)}")
         if names[parameter.path] in widths:
             raise InputError(f"{parameter.name}: another parameter has the same half-width; expected one of them")
+        _check_alone(found, parameter.path)
         widths[names[parameter.path]] = float(np.sqrt(3) * parameter.spread * deviation)
     return Uncertainty(**{**widths, **others})

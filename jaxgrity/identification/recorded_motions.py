@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -10,12 +12,21 @@ from jaxgrity.core.arguments import check_number
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeHistory, Scalar, State, Times
 from jaxgrity.identification.measurements import predicted
-from jaxgrity.identification.motions import MeasuredMotion, Starts, above_exact_ground, measured_motion, state_at
+from jaxgrity.identification.motions import (
+    MeasuredMotion,
+    Starts,
+    above_exact_ground,
+    measured_motion,
+    state_at,
+    with_supports_placed,
+)
 from jaxgrity.identification.observations import SeenPositions
 from jaxgrity.identification.recordings import Recording
+from jaxgrity.model.body_points import carrying, independent_nodes
+from jaxgrity.model.inertia import independent_coordinates
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import length_scale
-from jaxgrity.model.scene import Scene
+from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.options import Options
 from jaxgrity.stepping.simulate import with_commands
 
@@ -125,17 +136,27 @@ def _apart(recorded: NodeHistory, simulated: NodeHistory) -> np.ndarray:
 
 
 def _as_rigid(scene: Scene, t: Scalar, state: np.ndarray) -> State:
-    """The nearest pose and velocities in which rigid struts and bodies keep their lengths, by Newton's method."""
-    (i, j), (q, v) = np.array(rigid_pairs(scene)).T, state
-    lengths, free = np.asarray(rigid_lengths(scene, t), float), np.asarray(scene.structure.free)
-    q, v = np.where(free, q, scene.structure.nodes), np.where(free, v, 0.0)
+    """The nearest pose and velocities with rigid struts as long, and changing, as the scene says, and whole bodies.
+
+    By Newton's method, in coordinates u of q = held + ways u: supports and their motion are in `held`, and the points
+    of a body follow its basic ones.
+    """
+    (i, j), structure = np.array(rigid_pairs(scene)).T, scene.structure
+    with jax.enable_x64(True):
+        known, now = as_dtype(scene, "float64"), jnp.asarray(t, float)
+        lengths, rates = map(np.asarray, jax.jvp(lambda t: rigid_lengths(known, t), (now,), (jnp.ones(()),)))
+        state = np.asarray(with_supports_placed(known, t, state))
+    nodes = np.array(independent_nodes(structure.bodies, len(structure.nodes)))
+    held = np.asarray(carrying(structure.bodies, len(structure.nodes))) @ np.where(structure.free, 0, state)[:, nodes]
+    ways = np.linalg.qr(independent_coordinates(structure)[1])[0]
+    q, v = (each + (ways @ (ways.T @ (x - each).ravel())).reshape(each.shape) for x, each in zip(state, held))
     rows = np.arange(len(i))
     for _ in range(NEWTON_STEPS):
         d = q[i] - q[j]
         found = np.linalg.norm(d, axis=1)
         slopes = np.zeros((len(i), *q.shape))
         slopes[rows, i], slopes[rows, j] = d / found[:, None], -d / found[:, None]
-        slopes = (slopes * free).reshape(len(i), -1)
-        back = np.linalg.pinv(slopes)
+        slopes = slopes.reshape(len(i), -1)
+        back = ways @ np.linalg.pinv(slopes @ ways)
         q = q - (back @ (found - lengths)).reshape(q.shape)
-    return q, v - (back @ (slopes @ v.ravel())).reshape(v.shape)
+    return q, v - (back @ (slopes @ v.ravel() - rates)).reshape(v.shape)

@@ -17,6 +17,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Count, Scalar, State
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.inertia import mobility
+from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene, start_of, with_scales
 from jaxgrity.populations.metrics import Metrics, initial_metrics, updated_metrics
 from jaxgrity.populations.uncertainty import Differences, differing
@@ -25,7 +26,7 @@ from jaxgrity.stepping.discretisation import discretise, failure_code, integrate
 from jaxgrity.stepping.dynamics import centre_of_mass
 from jaxgrity.stepping.loop import Carried, Step, carried_at, numbered
 from jaxgrity.stepping.options import ResolvedOptions
-from jaxgrity.stepping.starts import start_failure
+from jaxgrity.stepping.starts import start_failure, velocities_stretch
 
 FEWEST, SIDE_BY_SIDE = 32, 256
 """Fewest robots that a core integrates side by side, and most bytes that one number of all of them takes. That is
@@ -84,7 +85,7 @@ def roll_out_lanes(
     to be equal.
     """
     room, used = parts if isinstance(parts, tuple) else (parts, None)
-    lanes = gaits.phase.shape[-1]
+    lanes, keeps_lengths = gaits.phase.shape[-1], rigid_pairs(scene) and not options.method.constrained
     scene, axes = in_lanes(scene, gaits, differences)
     start = start_of(scene)
     if differences is not None and differences.velocities is not None:
@@ -102,6 +103,8 @@ def roll_out_lanes(
         end = over_lanes(one, (-1, axes))(start, scene)
     q, v = end.state
     failure = failure_code(end.result, over_lanes(state_failure, (axes, -1, -1))(scene, q, v))
+    if keeps_lengths:
+        failure = jnp.where(over_lanes(velocities_stretch, (axes, -1))(scene, start), 1, failure)
     misplaced = over_lanes(start_failure, (axes, -1))(scene, start[0])
     failure = jnp.where(misplaced != 0, misplaced, failure)
     return LaneOutcomes(end.com_path, q, failure, end.steps, end.rejected, metrics)

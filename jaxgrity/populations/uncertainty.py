@@ -115,10 +115,12 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
         if name in PLACED:
             scene = eqx.tree_at(partial(part_of, path=PLACED[name]), scene, value, is_leaf=lambda x: x is None)
             continue
-        nodes = len(scene.structure.nodes)
-        factor = jnp.broadcast_to(value[None], (nodes, *jnp.shape(value))) if name == "friction" else value
+        each = name == "friction" and jnp.ndim(value)  # one number, common to all robots, stays one
+        factor = jnp.broadcast_to(value[None], (len(scene.structure.nodes), *value.shape)) if each else value
         for part in _modelled(scene, name):
             scene = eqx.tree_at(partial(part_of, path=part), scene, part_of(scene, part) * factor)
+        if name == "cable_stiffness" and (damping := part_of(scene, "structure.cables.damping")) is not None:
+            scene = eqx.tree_at(lambda s: s.structure.cables.damping, scene, damping * (value != 0))
     return scene
 
 

@@ -1,12 +1,28 @@
 """Parameters from measurements: exact answers, what cannot be told, bad data, robots drawn from what is left."""
 
+from collections.abc import Callable
+from dataclasses import replace
+from typing import ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, Members, Scene, SolverOptions, Structure, simulate
+from jaxgrity import (
+    EnergyTerm,
+    InputError,
+    Members,
+    PenaltyGround,
+    Scene,
+    Shaking,
+    SolverOptions,
+    Structure,
+    SwitchFriction,
+    simulate,
+    with_terms,
+)
 from jaxgrity.identification import (
     Identified,
     Parameter,
@@ -25,6 +41,7 @@ from jaxgrity.identification import (
     profile_likelihood,
     uncertainty_of,
 )
+from jaxgrity.identification.measurements import Measurement
 from jaxgrity.identification.parameters import check_parameters
 from jaxgrity.model import rigid_body
 
@@ -96,6 +113,43 @@ def test_intervals_widen_where_the_model_does_not_fit():
 
 
 @pytest.mark.slow
+class Weighed(Measurement):
+    """Of two columns, the first is the energy of the given shape, and nothing is measured in the second."""
+
+    values: np.ndarray
+    noise: np.ndarray
+
+    def starts(self):
+        return np.zeros(0), np.zeros(0)
+
+    def predict(self, scene, start):
+        seen = scene.potential_energy(jnp.asarray(scene.structure.nodes), 0.0)
+        return jnp.stack([seen, seen])[None], jnp.zeros(0)
+
+
+class Bent(EnergyTerm):
+    """A law with a function among its numbers, as a network has its activation."""
+
+    bend: Callable
+    name: ClassVar[str] = "bent"
+
+    def energy(self, at):
+        return self.bend(at.q[1, 2])
+
+
+def test_laws_hold_functions_in_a_fit_too():
+    """And in a misfit, a column in which nothing was measured has none, without a warning."""
+    scene = with_terms(replace(hanging(), gravity=None), Bent(jnp.square))
+    seen = Weighed(np.array([[1.1962**2 + 120 / 2 * 0.1962**2, np.nan]]), np.full((1, 2), 1e-3))
+    found = identify(scene, [STIFFNESS], seen)
+    np.testing.assert_allclose(found.estimates[0].value, 1.2, rtol=1e-3)
+    misfit = misfit_of(scene, seen)
+    np.testing.assert_allclose(misfit["rms"], [10 * 0.1962**2, np.nan])
+    np.testing.assert_allclose(misfit["misfit"], 1e4 * 0.1962**2)
+    fails = eqx.tree_at(lambda s: s.structure.cables.stiffness, scene, np.array([np.nan]))
+    assert misfit_of(fails, seen)["misfit"] == np.inf
+
+
 def test_what_data_cannot_tell_gets_no_number():
     """Poses tell stiffness over mass alone: neither of the two, and one combination, their product."""
     found = identify(hanging(), [STIFFNESS, MASS], poses(heights(120.0)))
@@ -286,6 +340,17 @@ def test_two_frictions_are_not_one_factor(stiffer):
         uncertainty_of(drawn)
 
 
+@pytest.mark.parametrize("name", ["mu_static", "mu_kinetic"])
+def test_one_of_two_frictions_does_not_take_the_other_along(stiffer, name):
+    """Robots of a population differ in both: the other one would be off where it was never in doubt."""
+    switch = replace(hanging(), ground=PenaltyGround(1e4, 1.0), friction=SwitchFriction(0.6, 0.5, 0.01))
+    one = (Parameter(f"friction.{name}", 0.3),)
+    drawn = stiffer._replace(scene=switch, parameters=one, covariance=0.01 * np.eye(1), z=np.zeros(1))
+    for use in (lambda: posterior_robots(jax.random.key(0), drawn, 3), lambda: uncertainty_of(drawn)):
+        with pytest.raises(InputError, match=rf"friction\.{name}: robots differ alike in friction\.mu_"):
+            use()
+
+
 def test_robots_differ_in_no_gravity(stiffer):
     """All of a population are in the same field."""
     with pytest.raises(InputError, match="gravity: robots of a population cannot differ in it"):
@@ -306,6 +371,20 @@ def test_supports_start_where_they_are_and_not_where_they_were_seen():
     free, nodes = np.asarray(hanging().structure.free), hanging().structure.nodes
     np.testing.assert_array_equal(state[:, :, ~free], np.stack([[nodes[~free], 0 * nodes[~free]]] * 2))
     assert np.all(state[:, :, free] != np.stack([nodes[free], 0 * nodes[free]]))
+
+
+def test_supports_follow_parameters_of_their_shaking_in_every_window():
+    """They are where the changed scene has them, and their jumps, which are none, do not count as small residuals."""
+    scene = replace(hanging(), shaking=Shaking([0.02, 0.0, 0.0], 3.3, ramp=0.05))
+    path = np.broadcast_to(scene.structure.nodes, (11, 2, 3))
+    options, support = SolverOptions("rk4", dt=5e-3), SeenPositions((0,), "x")
+    motion = measured_motion(scene, TIMES, np.zeros((11, 1)), 1e-3, support, Starts(path, windows=2), options=options)
+    twice = changed(scene, [Parameter("shaking.amplitude", 1.0)], np.array([np.log(2)]))
+    seen, jumps = motion.predict(twice, jnp.asarray(motion.starts()[0]))
+    expected = [2 * scene.shaking.displacement(jnp.asarray(t))[0] for t in TIMES]
+    np.testing.assert_allclose(seen[:, 0], expected, atol=1e-5)
+    assert np.abs(expected).max() > 0.01
+    assert jumps.shape == (2,)  # of the one free coordinate, and of its velocity
 
 
 def motion_of(times, values, **how):
@@ -350,6 +429,10 @@ BAD = {
     "no tolerance": (
         lambda: identify(hanging(), [STIFFNESS], poses(heights(100.0)), tolerance=np.nan),
         "tolerance = nan",
+    ),
+    "twice": (
+        lambda: identify(hanging(), [STIFFNESS, STIFFNESS._replace(spread=0.1)], poses(heights(100.0))),
+        "named twice",
     ),
     "no spread": (lambda: identify(hanging(), [Parameter("gravity", 0.0)], poses(heights(100.0))), "spread = 0: "),
 }  # fmt: skip

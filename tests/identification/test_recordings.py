@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from small_scenes import NODES, swept
 
-from jaxgrity import Gait, InputError, Members, Scene, SolverOptions, Structure
+from jaxgrity import Gait, InputError, Members, Scene, Shaking, SolverOptions, Structure
 from jaxgrity.identification import Compared, Recording, beside_simulation, read_recording, recorded_motion
+from jaxgrity.model import rigid_body
 from jaxgrity.model.actuation import Commands, contraction
 
 CABLE = Members(((0, 1),), [100.0], [1.0], damping=[0.8])
@@ -145,6 +146,33 @@ def test_rigid_struts_start_with_their_lengths_out_of_the_ground():
     assert scene.ground.measured(q).distance.min() >= -1e-9
     np.testing.assert_allclose(q, NODES, atol=0.01)
     np.testing.assert_allclose(v.mean(0), [0.5, 0.0, 0.2], atol=0.15)
+
+
+def test_rigid_struts_on_the_move_start_so_at_shaken_supports():
+    """In the middle of a motion in which nothing has to be corrected: a strut that grows, on a support that shakes."""
+    gait, shaking = Gait((0,), [0.3], [0.2], [2.0], start=0.0, ramp=0.1), Shaking([0.05, 0.0, 0.0], 2.0, ramp=0.3)
+    struts, cables = Members(((0, 1),), None, [1.0]), Members(((1, 2), (0, 2)), [100.0, 100.0], [0.5, 0.5])
+    nodes = np.array([[0.0, 0, 1], [1, 0, 1], [0.5, 0.5, 0.3]])
+    structure = Structure(nodes, [0.0, 1.0, 2.0], struts, cables, fixed=((0, "xyz"),))
+    scene, times = Scene(structure, gravity=9.81, gait=gait, shaking=shaking), 0.43 + np.arange(9) / 1000
+    support = np.array([nodes[0] + np.asarray(shaking.displacement(t)) for t in times])
+    end = support + (1 - np.array([contraction(gait, t) for t in times])) * [[1.0, 0, 0]]
+    path = np.stack([support, end, np.broadcast_to(nodes[2], support.shape)], axis=1)
+    q, v = recorded_motion(scene, Recording(times, path)).state[0]
+    np.testing.assert_allclose(q, path[0], atol=1e-6)
+    assert abs(v[1, 0] - v[0, 0]) > 0.1
+    np.testing.assert_allclose(v, (path[1] - path[0]) / 1e-3, atol=0.02)
+
+
+def test_all_points_of_rigid_bodies_start_in_their_places():
+    """Also those that follow the basic ones, wherever they were seen; the pose is as near to all as noise allows."""
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [0.3, 0.3, 0.3]])
+    body = rigid_body(nodes, range(6), 2.0, [0.3, 0.3, 0.3])
+    scene, times = Scene(Structure(nodes, np.zeros(6), bodies=(body,))), np.linspace(0, 0.1, 11)
+    noise = np.random.default_rng(0).normal(0, 2e-3, (11, 6, 3))
+    q = recorded_motion(scene, Recording(times, nodes + noise)).state[0][0]
+    np.testing.assert_allclose(np.linalg.norm(q[:, None] - q, axis=2), np.linalg.norm(nodes[:, None] - nodes, axis=2))
+    np.testing.assert_allclose(q, nodes, atol=5e-3)
 
 
 def test_frames_that_fill_no_window_are_left_out():

@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from small_scenes import swept
 
 from jaxgrity import InputError, with_gait
 from jaxgrity.identification import Identified, Parameter, changed, speed_forecast, speed_slopes
@@ -88,3 +89,6 @@ def test_what_has_no_forecast_is_refused(creeping):
         speed_forecast(key, known(with_gait(scene, None)))
     with pytest.raises(InputError, match=r"^ground.stiffness: robots of a population cannot differ in it"):
         speed_forecast(key, known(scene)._replace(parameters=(Parameter("ground.stiffness", 0.1), PARAMETERS[0])))
+    longer = known(swept())._replace(parameters=(Parameter("structure.struts.rest_length", 0.1), PARAMETERS[0]))
+    with pytest.raises(InputError, match=r"^structure.struts.rest_length: rigid struts of other lengths"):
+        speed_forecast(key, longer)

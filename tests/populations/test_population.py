@@ -29,6 +29,7 @@ from jaxgrity import (
     Structure,
     Uncertainty,
     as_population,
+    control,
     ensemble,
     gaits_of,
     load_scene,
@@ -249,6 +250,30 @@ def test_a_failed_member_is_data_and_disturbs_no_other(reference):
     assert np.isnan(outcomes.distance()).tolist() == [False, False, True, False]
     alone = simulate_population(start_now, gaits_of(start_now.gait, phases[3:]), 0.3, options=SolverOptions(dt=1e-3))
     np.testing.assert_allclose(outcomes.com_end[3], alone.com_end[0], rtol=0, atol=1e-12)
+
+
+def tethered() -> Scene:
+    """A rigid body on a cable that a gait shortens."""
+    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [2, 1, 0]])
+    body = rigid_body(nodes, range(4), 2.0, [0.3, 0.3, 0.3])
+    cable = Members(((1, 4),), [50.0], [1.0])
+    structure = Structure(nodes, np.zeros(5), cables=cable, fixed=((4, "xyz"),), bodies=(body,))
+    return Scene(structure, gait=Gait((0,), [0.0], [0.1], [1.0]))
+
+
+def test_velocities_that_stretch_a_body_fail_without_impulses():
+    """As `simulate` refuses them; the body that moves as a whole does not fail."""
+    scene, rk4, v = tethered(), SolverOptions("rk4", dt=5e-3), np.zeros((2, 5, 3))
+    v[0, :4], v[1, 1, 0] = [0.0, 0.5, 0.0], 0.5
+    many = gaits_of(scene.gait, np.zeros((2, 1)))
+    found = simulate_population(scene, many, 0.01, options=rk4, differences=Differences(velocities=v))
+    assert np.asarray(found.failure).tolist() == [0, 1]
+    plant = control.plant_of(scene, (0,), options=rk4)
+    with pytest.raises(InputError, match=r"velocities: nodes \[1, 0\] move apart or together by 0.5 m/s"):
+        control.plant_start(plant, jax.random.key(0), (scene.structure.nodes, v[1]))
+    both = np.moveaxis(np.broadcast_to(scene.structure.nodes, v.shape), 0, -1), np.moveaxis(v, 0, -1)
+    start = control.plant_start(control.side_by_side(plant, 2), jax.random.key(0), both)
+    assert np.isnan(start.motion[1]).any((0, 1)).tolist() == [False, True]
 
 
 @pytest.mark.slow

@@ -221,12 +221,14 @@ def test_a_robot_that_differs_has_its_own_scene(reference, exact):
 
 @pytest.mark.parametrize("name", ["reference", "exact"])
 def test_a_broken_cable_is_that_of_a_scene_file(name, request):
-    """Stiffness and damping of none are what `broken` says."""
+    """Without stiffness it has no damping either, as `broken` says."""
     scene = request.getfixturevalue(name)
     whole = np.ones(24)
     whole[7] = 0
     text = scene_text(name).replace("[cables]", "[cables]\nbroken = [7]")
-    assert eqx.tree_equal(differing(scene, Differences(cable_stiffness=whole, cable_damping=whole)), parse_scene(text))
+    for damping in (None, whole):
+        found = differing(scene, Differences(cable_stiffness=whole, cable_damping=damping))
+        assert eqx.tree_equal(found, parse_scene(text))
 
 
 @pytest.mark.parametrize(
@@ -390,4 +392,7 @@ def test_a_place_is_no_factor(exact, name):
     """One number for all coordinates is refused, as a factor would not be."""
     with pytest.raises(InputError, match=rf"differences.{name} has shape \(\); expected \(2, .*3\), a row for each"):
         Differences(**{name: np.array(1.0)}).check(exact, 2)
-    Differences(friction=np.array(0.5)).check(exact, 2)
+    common = Differences(friction=np.array(0.5))
+    common.check(exact, 2)
+    scene, axes = in_lanes(as_dtype(exact, "float64"), lanes_last(gaits(exact, 2)), common)
+    assert (float(scene.friction.mu), axes.friction.mu) == (0.5 * float(exact.friction.mu), None)
