@@ -188,10 +188,7 @@ def measured_motion(
     intervals = len(times) - 1
     if check_count("windows", windows, 1) > intervals or intervals % windows:
         raise InputError(f"windows = {windows}: expected a divisor of the {intervals} steps from frame to frame")
-    if starts.spread is None and windows > 1:
-        raise InputError(f"windows = {windows}, spread = None: expected one window where the start is known")
-    if starts.spread is not None and rigid_pairs(scene):
-        raise InputError("spread: rigid struts and bodies leave no start free; expected None, or struts as springs")
+    _check_spread(scene, starts)
     first = range(0, intervals, intervals // windows)
     cut = np.stack([times[k : k + intervals // windows + 1] for k in first])
     if starts.spread is None:
@@ -206,6 +203,13 @@ def measured_motion(
     unknown = tuple(np.flatnonzero(spread > 0).tolist())
     found = MeasuredMotion(values, noise, observation, cut, resolved, state, spread, unknown, jump, None)
     return with_options(found, resolved)
+
+
+def _check_spread(scene: Scene, starts: Starts) -> None:
+    if starts.spread is None and starts.windows > 1:
+        raise InputError(f"windows = {starts.windows}, spread = None: expected one window where the start is known")
+    if starts.spread is not None and rigid_pairs(scene):
+        raise InputError("spread: rigid struts and bodies leave no start free; expected None, or struts as springs")
 
 
 def _deviations(scene: Scene, starts: Starts) -> tuple[np.ndarray, np.ndarray]:

@@ -55,7 +55,8 @@ def speed_scale(scene: SceneParts) -> Scalar:
     weight = L * xp.where(g > 0, g, 1.0) / (EARTH * METRE)
     if scene.gravity is not None and not isinstance(g, jax.Array) and g > 0:
         return _held(xp.sqrt(weight))
-    return _held(xp.where(g > 0, xp.sqrt(weight), L * fastest_mode(scene) / np.sqrt(EARTH / METRE)))
+    fastest = L * fastest_mode(scene) / np.sqrt(EARTH / METRE)
+    return _held(_namespace(weight, fastest).where(g > 0, xp.sqrt(weight), fastest))
 
 
 def time_scale(scene: SceneParts) -> Scalar:

@@ -36,10 +36,17 @@ def as_springs(structure: Structure, stiff: float | None = None) -> tuple[Struct
     if structure.bodies:
         pairs, lengths = body_pairs(structure.bodies)
         K, L = np.full(len(pairs), stiff), np.asarray(lengths, float)
-        if struts is not None:
-            pairs, K, L = (*struts.edges, *pairs), np.r_[struts.stiffness, K], np.r_[struts.rest_length, L]
-        count, struts = count + len(lengths), Members(pairs, K, L)
+        count, more = count + len(lengths), Members(pairs, K, L)
+        struts = more if struts is None else _with_more(struts, more)
     return dataclasses.replace(structure, struts=struts) if count else structure, count
+
+
+def _with_more(struts: Members, more: Members) -> Members:
+    """The struts, and springs without mass after them; their numbers and motors stay."""
+    joined = {name: np.r_[getattr(struts, name), getattr(more, name)] for name in ("stiffness", "rest_length")}
+    mass = None if struts.mass is None else np.r_[struts.mass, np.zeros(len(more.edges))]
+    unused = dict.fromkeys(("damping", "yield_force", "bending_stiffness"))
+    return dataclasses.replace(struts, edges=(*struts.edges, *more.edges), **joined, mass=mass, **unused)
 
 
 def check_no_bodies(structure: Structure, what: str) -> None:

@@ -89,7 +89,8 @@ def _closed(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit
     size, steps = q0.size, round(orbit.cycle / float(options.dt))
     # the number of steps is that of the orbit; how long they are follows the frequency, with its derivatives
     cycle = orbit.periods / jnp.ravel(scene.gait.frequency)[0]
-    share = jax.lax.stop_gradient(scene.structure.lumped_mass / scene.structure.mass)
+    shares = scene.structure.lumped_mass / scene.structure.mass  # in a turn the centre's speed depends on them
+    share = jax.lax.stop_gradient(shares)
     away = q0 - share @ q0
     L, speed = length_scale(scene), speed_scale(scene)
 
@@ -112,7 +113,7 @@ def _closed(scene: Scene, orbit: Orbit, options: ResolvedOptions) -> ClosedOrbit
     there = jnp.where(residual <= CLOSED, 1.0, jnp.nan)
     start, frames = (found[:size].reshape(q0.shape), found[size : 2 * size].reshape(q0.shape)), orbit.periods * FRAMES
     times = jnp.linspace(0, 1, frames + 1) * cycle
-    path = jnp.einsum("n,fnk->fk", share, states_at(scene, start, times, steps // frames, options, reverse=True)[0])
+    path = jnp.einsum("n,fnk->fk", shares, states_at(scene, start, times, steps // frames, options, reverse=True)[0])
     speed = way_along(path[:, :2], found[-1] / frames) * frames / cycle
     return ClosedOrbit(start[0], start[1], there * speed, there * found[-1] / cycle, residual)
 

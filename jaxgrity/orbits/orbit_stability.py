@@ -12,6 +12,7 @@ from jaxgrity.orbits.cycles import moved_onto, plane_of
 from jaxgrity.orbits.finding import SETTLED, Orbit, in_step, period_of, restarted
 from jaxgrity.populations.population import gaits_of, simulate_population
 from jaxgrity.populations.uncertainty import Differences
+from jaxgrity.statics.stiffness import free_motions
 from jaxgrity.stepping.options import Options
 
 DISTURBANCE = 0.1
@@ -71,7 +72,7 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
     deviates = np.random.default_rng(check_count("seed", seed, 0)).normal(0, size, (robots, *v.shape))
     # the first robot is the undisturbed one, with which all others are compared
     deviates[0] = 0
-    differences = Differences(velocities=v + deviates)
+    differences = Differences(velocities=v + _allowed(here, deviates))
     assert here.gait is not None, "an orbit has a gait"
     gaits = gaits_of(here.gait, np.repeat(np.asarray(here.gait.phase)[None], robots, axis=0))
     chosen, ends = in_step(scene, orbit.period, options), []
@@ -83,6 +84,16 @@ def stability(scene: Scene, orbit: Orbit, *, options: Options = None, robots: in
     levelled = (end @ plane.axes for end in ends)
     d1, d2 = (np.array([moved_onto(mass, x, end[0], plane)[0] - end[0] for x in end]) for end in levelled)
     return _stability(d1[1:], d2[1:], orbit.body_length)
+
+
+def _allowed(scene: Scene, velocities: np.ndarray) -> np.ndarray:
+    """The nearest velocities (robots, nodes, 3), m/s, that supports and rigid bodies allow."""
+    structure = scene.structure
+    if not (structure.fixed or structure.bodies):
+        return velocities
+    ways = free_motions(np.asarray(structure.nodes, float), structure.supported, structure.bodies)
+    rows = velocities.reshape(len(velocities), -1)
+    return (ways @ (ways.T @ rows.T)).T.reshape(velocities.shape)
 
 
 def _stability(d1: np.ndarray, d2: np.ndarray, size: float) -> Stability:

@@ -296,6 +296,5 @@ def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
         raise InputError(f"terrain: robots with {what} would start in the ground; expected terrain = 0, or no {what}")
     own = jnp.asarray(np.zeros(3) if ground.offset is None else ground.offset, moved.dtype)
     x, y, z = jnp.asarray(scene.structure.nodes, moved.dtype).T - own[:, None]
-    above = z - ground.surface.height(x, y)
-    there = z - ground.surface.height(x - moved[:, :1], y - moved[:, 1:])
+    above, there = (z - ground.surface.height(*at) for at in ((x, y), (x - moved[:, :1], y - moved[:, 1:])))
     return own + jnp.concatenate([moved, (there.min(1) - above.min())[:, None]], axis=1)

@@ -21,13 +21,8 @@ from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness, smallest_stiffness
-from jaxgrity.statics.stiffness import (
-    coordinate_map,
-    factor_if_definite,
-    free_coordinates,
-    tangent_of,
-    with_spring_struts,
-)
+from jaxgrity.statics.spring_struts import with_spring_struts
+from jaxgrity.statics.stiffness import coordinate_map, factor_if_definite, free_coordinates, tangent_of
 
 ITERATIONS = 500
 """Most iterations of the solver, after which a shape counts as not found."""

@@ -156,7 +156,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
                 "`resting_shape` and `vibration_modes`, which know all of U"
             )
     loaded = bool(structure.fixed)
-    alone = Scene(structure, gravity=scene.gravity if loaded else None)
+    alone = Scene(structure, gravity=scene.gravity if loaded else None, up=scene.up)
     given = np.asarray(structure.nodes, float)
     try:
         rest = resting_shape(alone)

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from jaxtyping import Float
 
+from jaxgrity.core.arguments import check_each
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.tracing import refuse_traced
@@ -16,7 +17,8 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import elastic_tensions
-from jaxgrity.statics.stiffness import motions_of, stiffness_matrix, with_spring_struts
+from jaxgrity.statics.spring_struts import bearing, with_spring_struts
+from jaxgrity.statics.stiffness import motions_of, stiffness_matrix
 
 Loads = Float[AnyArray, "_ 3"]
 BALANCE = 1e-8
@@ -59,11 +61,12 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
         (12, 3)
     """
     refuse_traced((scene, q, loads), "static_response", "`equilibrium_near` has derivatives of a shape")
-    springs = with_spring_struts(scene)
     q, f = np.asarray(q, float), np.asarray(loads, float)
+    check_each("q", q, shape=np.shape(scene.structure.nodes))
     if f.shape != q.shape:
         raise InputError(f"loads has shape {f.shape}; expected {q.shape}, a force for each node")
-    structure, K = scene.structure, stiffness_matrix(springs, q)
+    structure, springs = scene.structure, bearing(scene, q)
+    K = stiffness_matrix(springs, q)
     place, rigid = motions_of(springs, q, K)
     K, pull = sp.csc_array(place.T @ K @ place), place.T @ f.ravel()
     if not np.isfinite(f).all() or not pull.any():

@@ -13,6 +13,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerMember
+from jaxgrity.model.energy import UP
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.sizes import Material, material_of, sized_members
 from jaxgrity.model.springs import check_no_bodies
@@ -164,17 +165,14 @@ class _Programme:
         shape = (1 + hollow**2) / (4 * np.pi * (1 - hollow**2))
         self.struts, self.slenderness = np.arange(count) < first, self.length / (np.pi * np.sqrt(self.E * shape))
         gravity = float(scene.gravity or 0.0) if structure.fixed else 0.0
-        down = np.zeros((len(nodes), 3))
-        down[:, 2] = -gravity
-        self.pull = [
-            (case.on_nodes(len(nodes)) + down * np.asarray(structure.node_mass)[:, None]).ravel()[free]
-            for case in scene.loads
-        ]
+        down = -gravity * np.asarray(UP if scene.up is None else scene.up, float)
+        own = np.outer(np.asarray(structure.node_mass, float), down)
+        self.pull = [(case.on_nodes(len(nodes)) + own).ravel()[free] for case in scene.loads]
         self.size = float(max(np.abs(pull).max(initial=0) for pull in self.pull))
         if not self.size:
             raise InputError("the loads act on supports alone; expected loads on coordinates that may move")
         self.balance = sp.csc_array(equilibrium_matrix(nodes, edges)[free] @ sp.diags_array(1 / self.length))
-        halves = sp.csc_array(sp.kron(abs(incidence(edges, len(nodes))).T / 2, np.array([[0], [0], [-gravity]])))
+        halves = sp.csc_array(sp.kron(abs(incidence(edges, len(nodes))).T / 2, down[:, None]))
         self.weight = halves[free]
         self.least = np.where(self.struts, 0.0, least_tension)
         self.forces_shape = (len(scene.loads), count)

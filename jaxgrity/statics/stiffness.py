@@ -1,6 +1,5 @@
 """Sparse matrices of a scene at one shape: tangent stiffness d2U/dq2, from its own U, and consistent mass."""
 
-import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -22,7 +21,6 @@ from jaxgrity.model.bodies import Bodies
 from jaxgrity.model.body_points import carrying, independent_nodes
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.model.springs import as_springs
 from jaxgrity.model.structure import Structure, member_vectors, onto_nodes
 from jaxgrity.statics.spectrum import unpivoted
 
@@ -46,13 +44,6 @@ def incidence(edges: Edges, nodes: int) -> sp.csr_array:
     ends = known_ends(edges, nodes)
     rows = np.repeat(np.arange(len(ends)), 2)
     return sp.csr_array((np.tile([1.0, -1.0], len(ends)), (rows, ends.ravel())), shape=(len(ends), nodes))
-
-
-def with_spring_struts(scene: Scene, stiff: float | None = None) -> Scene:
-    """The scene with stiff springs for rigid struts (`as_springs`). Raises `InputError` on exact contact."""
-    if scene.ground is not None and scene.ground.impulsive:
-        raise InputError("statics needs forces, and exact contact has none; expected penalty contact, or no ground")
-    return dataclasses.replace(scene, structure=as_springs(scene.structure, stiff)[0])
 
 
 class Tangent(NamedTuple):

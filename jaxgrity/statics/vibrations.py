@@ -13,7 +13,8 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerRow, Times
 from jaxgrity.model.scene import Scene
 from jaxgrity.statics.spectrum import Spectrum
-from jaxgrity.statics.stiffness import motions_of, sparse_mass_matrix, stiffness_matrix, with_spring_struts
+from jaxgrity.statics.spring_struts import bearing
+from jaxgrity.statics.stiffness import motions_of, sparse_mass_matrix, stiffness_matrix
 
 NO_FREQUENCY = 1e-9
 """Squared frequencies below this share of the largest are errors of the shape and of arithmetic."""
@@ -76,7 +77,6 @@ def vibration_modes(scene: Scene, q: NodeVectors | None = None, count: int | Non
         (3, 12, 3)
     """
     refuse_traced((scene, q), "vibration_modes", "take eigenvalues of jax.hessian of the scene's potential_energy")
-    scene = with_spring_struts(scene)
     q = np.asarray(scene.structure.nodes if q is None else q, float)
     check_each("q", q, shape=np.shape(scene.structure.nodes))
     if count is not None:
@@ -105,7 +105,6 @@ class FrequencyRange(NamedTuple):
 def frequency_range(scene: Scene, q: NodeVectors, unreal: int) -> FrequencyRange:
     """What `vibration_modes` finds of a structure of any size; without the `unreal` highest modes, those of springs in
     the place of rigid struts."""
-    scene = with_spring_struts(scene)
     place, spectrum = _spectrum(scene, np.asarray(q, float))
     real = place.shape[1] - spectrum.rigid.shape[1] - unreal
     if place.shape[1] <= DENSE:
@@ -122,8 +121,9 @@ def frequency_range(scene: Scene, q: NodeVectors, unreal: int) -> FrequencyRange
 
 def _spectrum(scene: Scene, q: np.ndarray) -> tuple[sp.csc_array, Spectrum]:
     """The free motions as columns, and stiffness, mass and rigid motions in these."""
-    K, M = stiffness_matrix(scene, q), sparse_mass_matrix(scene.structure)
-    place, rigid = motions_of(scene, q, K)
+    springs = bearing(scene, q)
+    K, M = stiffness_matrix(springs, q), sparse_mass_matrix(springs.structure)
+    place, rigid = motions_of(springs, q, K)
     return place, Spectrum(sp.csc_array(place.T @ K @ place), sp.csc_array(place.T @ M @ place), rigid)
 
 

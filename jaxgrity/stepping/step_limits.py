@@ -36,18 +36,22 @@ LARGEST_STEP = 5e-3
 def standing(scene: Scene) -> State:
     """The undeformed structure at rest in its pose, with its lowest nodes pressed into the ground by its weight.
 
-    On exact ground they touch it. Without ground, or on supports, the structure stays where it is.
+    On exact ground they touch it. Supports move along, and the lowest are of the nodes that may move. Without ground,
+    and on supports over exact ground, the structure stays where it is.
     """
-    q = np.asarray(scene.structure.nodes, float)
-    if scene.ground is None or scene.structure.fixed:
+    q, loose = np.asarray(scene.structure.nodes, float), scene.structure.free.any(1)
+    if scene.ground is None or (scene.structure.fixed and (scene.ground.impulsive or not loose.any())):
         return q, 0 * q
+    # what is held may be lower, and never lands: it counts as the highest of the others
+    given, q = q, np.where(loose[:, None], q, q[np.argmax(np.where(loose, q[:, 2], -np.inf))])
     height, size = scene.ground.measured(q).distance, float(length_scale(scene))
     lowest = np.isclose(height, height.min(), atol=1e-6 * np.ptp(q, axis=0).max() + 1e-12 * size)
     with evaluated():
         weight = float(scene.structure.mass) * float(scene.gravity or 0.0)
     carrying = int(lowest.sum()) if scene.ground.surface is None else max(int(lowest.sum()), min(STANDS_ON, len(q)))
     depth = scene.ground.touching_depth(weight, carrying, size)
-    return scene.ground.set_down(q, depth, size), 0 * q
+    moved = scene.ground.set_down(q, depth, size)
+    return (moved if loose.all() else given + (moved - q)[np.argmax(loose)]), 0 * q
 
 
 @typed

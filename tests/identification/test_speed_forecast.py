@@ -85,7 +85,7 @@ def test_what_has_no_forecast_is_refused(creeping):
     scene, key = creeping, jax.random.key(0)
     with pytest.raises(InputError, match=r"^robots = 4: expected at least 5"):
         speed_forecast(key, known(scene), robots=4)
-    with pytest.raises(InputError, match=r"expected one that all actuators share"):
+    with pytest.raises(InputError, match=r"the scene has no gait, and so no orbit"):
         speed_forecast(key, known(with_gait(scene, None)))
     with pytest.raises(InputError, match=r"^ground.stiffness: robots of a population cannot differ in it"):
         speed_forecast(key, known(scene)._replace(parameters=(Parameter("ground.stiffness", 0.1), PARAMETERS[0])))

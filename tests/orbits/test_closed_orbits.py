@@ -6,10 +6,25 @@ from functools import partial
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, load_gait, load_scene, wind, with_gait, with_terms
+from jaxgrity import (
+    EnergyTerm,
+    ForceLaw,
+    Gait,
+    InputError,
+    Members,
+    Scene,
+    SolverOptions,
+    Structure,
+    load_gait,
+    load_scene,
+    wind,
+    with_gait,
+    with_terms,
+)
 from jaxgrity.core.dense import INVERTED_AT_ONCE
 from jaxgrity.identification import speed_slopes
 from jaxgrity.orbits import closed_orbit, find_orbit
@@ -118,3 +133,46 @@ def test_scenes_without_slopes_of_speed_are_refused(crawler):
     _, orbit, _ = crawler
     with pytest.raises(InputError, match=r"^speed_slopes: the scene has rigid struts or exact contact; expected"):
         speed_slopes(load_scene("exact"), (), orbit)
+
+
+class Afloat(EnergyTerm):
+    """A spring to the level z = 0."""
+
+    name = "afloat"
+
+    def energy(self, at):
+        return 25.0 * (at.q[:, 2] ** 2).sum()
+
+
+class Thrust(ForceLaw):
+    """On the first node, along the strut and to its left."""
+
+    name, cause = "thrust", "thrust"
+
+    def force(self, motion, other_forces):
+        d = motion.at.q[0] - motion.at.q[1]
+        return jnp.stack([d + 0.3 * jnp.stack([-d[1], d[0], 0 * d[0]]), 0 * d])
+
+
+@pytest.mark.slow
+def test_where_a_robot_turns_its_speed_depends_on_where_its_mass_is():
+    """A strut that swims in a circle, without gravity: derivatives by each mass, by central differences.
+
+    The centre of mass of one with other masses goes round on another circle.
+    """
+    struts = Members(((0, 1),), [200.0], [1.0], damping=[5.0])
+    structure = Structure(np.array([[0.0, 0, 0], [1, 0, 0]]), [1.0, 3.0], struts)
+    gait = Gait((0,), [0.0], [0.2], [1.0], start=0.0, ramp=1.0)
+    scene = Scene(structure, node_damping=[1.0, 2.0], gait=gait, terms=(Afloat(), Thrust()))
+    options = resolve(scene, 1.0, SolverOptions("rk4", 0.05))
+    orbit = find_orbit(scene, 50.0, options=options)
+    assert orbit.turning > 0.3
+
+    @jax.jit
+    @jax.value_and_grad
+    def speed(mass):
+        return closed_orbit(eqx.tree_at(lambda s: s.structure.node_mass, scene, mass), orbit, options).speed
+
+    h, mass = 1e-4, np.array([1.0, 3.0])
+    differences = [(speed(mass + step)[0] - speed(mass - step)[0]) / (2 * h) for step in h * np.eye(2)]
+    np.testing.assert_allclose(speed(mass)[1], differences, rtol=1e-5)

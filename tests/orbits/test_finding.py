@@ -38,6 +38,7 @@ from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.stepping.dynamics import total_force
 from jaxgrity.stepping.options import options_anew
+from jaxgrity.stepping.starts import check_known_velocities
 
 PERIOD, SPEED, TURNING = 0.5, 0.8, 0.3
 LEVEL = Plane(np.eye(3), True)
@@ -205,6 +206,22 @@ def test_multipliers_of_a_map_made_by_hand():
     lost = orbit_stability._stability(first, second + 1.0, 1.0)
     assert lost.returned == 0
     assert np.isinf(lost.largest)
+
+
+def test_disturbed_velocities_are_those_of_bodies_on_supports():
+    """Beside a body of five nodes, and along a rail: rollouts take them. Of points alone they stay as they are."""
+    nodes = np.random.default_rng(0).normal(size=(7, 3))
+    body = jaxgrity.model.rigid_body(nodes, tuple(range(5)), 1.0, [0.3, 0.3, 0.3])
+    structure = jaxgrity.Structure(nodes, [0.0] * 5 + [1.0, 1.0], bodies=(body,), fixed=((6, "y"),))
+    drawn = np.random.default_rng(1).normal(size=(4, 7, 3))
+    allowed = orbit_stability._allowed(jaxgrity.Scene(structure), drawn)
+    check_known_velocities(jaxgrity.Scene(structure), allowed)
+    with pytest.raises(InputError, match="beside that of its rigid body"):
+        check_known_velocities(jaxgrity.Scene(structure), drawn)
+    np.testing.assert_allclose(allowed[:, 5:], drawn[:, 5:] * [[1, 1, 1], [1, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(allowed[:, :5].mean(1), drawn[:, :5].mean(1), atol=1e-12)
+    points = jaxgrity.Scene(jaxgrity.Structure(nodes, np.ones(7)))
+    assert orbit_stability._allowed(points, drawn) is drawn
 
 
 def test_only_gaits_of_one_frequency_have_orbits(exact):

@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 import scipy
 
-from jaxgrity import Members, Scene, Structure, parse_scene
+from jaxgrity import EnergyTerm, Gait, Members, Motor, Scene, Structure, parse_scene
 from jaxgrity.model import LoadCase, rigid_body
-from jaxgrity.statics import inspect_structure, load_report, member_forces, resting_shape, static_response, statics_of
+from jaxgrity.statics import (
+    inspect_structure,
+    load_report,
+    member_forces,
+    resting_shape,
+    static_response,
+    statics_of,
+    vibration_modes,
+)
 
 SPINE = """
 [structure]
@@ -169,3 +177,46 @@ def arm(shape):
     """m, of the second cable's pull about the hinge."""
     d = shape[6] - shape[4]
     return abs(np.cross(shape[4], d / np.linalg.norm(d))[1])
+
+
+class Ballast(EnergyTerm):
+    """A weight at the middle of each strut."""
+
+    name = "ballast"
+
+    def energy(self, at):
+        i, j = np.array(at.scene.structure.struts.edges).T
+        return 5.0 * (at.q[i, 2] + at.q[j, 2]).sum()
+
+
+def test_a_held_body_is_as_good_as_held_nodes():
+    """For a strut with mass, a motor and a user's term, and for a cable that a gait has shortened before t = 0."""
+    nodes = np.array([[0.0, 0, 0], [0.3, 0, 0], [0, 0.3, 0], [0, 0, 0.3], [0, 0, -1]])
+    struts = Members(((1, 4),), [1e4], [1.2], mass=[3.0], motors=(Motor(0, [-9.0], [1.05], rate=1.0),))
+    cables = Members(((0, 4),), [1e3], [1.0])
+    body = rigid_body(nodes, (0, 1, 2, 3), 1.0, [0.02] * 3, basic=(0, 1, 2))
+    gait = Gait((1,), [np.pi / 2], [0.2], [1.0], start=-2.0, ramp=1.0)
+    held = (*((k, "xyz") for k in range(3)), (4, "xy"))
+    found = []
+    for mass, bodies, fixed in (([0, 0, 0, 0, 0.5], (body,), held), ([0.25] * 4 + [0.5], (), (*held, (3, "xyz")))):
+        structure = Structure(nodes, mass, struts, cables, fixed=fixed, bodies=bodies)
+        scene = Scene(structure, gravity=9.81, gait=gait, terms=(Ballast(),))
+        rest = resting_shape(scene)
+        found.append((rest.q[4, 2], rest.reactions.sum(0), vibration_modes(scene, rest.q).frequency))
+    np.testing.assert_allclose(found[0][0], found[1][0], rtol=1e-8)
+    np.testing.assert_allclose(found[0][1], [0, 0, 4.5 * 9.81 + 10], atol=1e-6)
+    np.testing.assert_allclose(found[0][2], found[1][2], rtol=1e-6)
+
+
+def test_a_body_swings_about_a_node():
+    """As its weight and its inertia say, from the shape in which it is built: the pull of the support is known there.
+
+    Small loads lean it by their moment over that of its weight.
+    """
+    nodes, moments, arm = np.array([[0.0, 0, 0], [0.1, 0, -0.5], [-0.1, 0.1, -0.5], [0, -0.1, -0.4]]), [0.03, 0.04], 0.4
+    body = rigid_body(nodes, (0, 1, 2, 3), 2.0, [*moments, 0.05], [0.0, 0.0, -arm], basic=(0,))
+    scene = Scene(Structure(nodes, np.zeros(4), bodies=(body,), fixed=((0, "xyz"),)), gravity=9.81)
+    expected = np.sort(np.sqrt(2 * 9.81 * arm / (np.array(moments) + 2 * arm**2)) / (2 * np.pi))
+    np.testing.assert_allclose(vibration_modes(scene).frequency, expected, rtol=1e-6)
+    leans = static_response(scene, nodes, np.eye(4)[1][:, None] * [0.01, 0, 0]).displacement[1, 0]
+    np.testing.assert_allclose(leans, 0.5 * 0.01 * 0.5 / (2 * 9.81 * arm), rtol=1e-5)

@@ -12,11 +12,11 @@ import pytest
 from measurements import conformance_loads as known
 from measurements.conformance_rib import rib
 
-from jaxgrity import InputError, Members, Scene, Structure, describe, load_scene, parse_scene
+from jaxgrity import InputError, Members, Scene, Structure, describe, edge_lengths, load_scene, parse_scene
 from jaxgrity.cli.inspect import main
 from jaxgrity.cli.settings import InspectSettings
 from jaxgrity.model import LoadCase, sized_members
-from jaxgrity.statics import inspect_structure, load_report, member_forces, resting_shape, static_response
+from jaxgrity.statics import inspect_structure, least_mass, load_report, member_forces, resting_shape, static_response
 from jaxgrity.statics.strength import strength_of
 
 
@@ -226,3 +226,22 @@ def test_supports_of_a_squeezed_free_robot_bear_nothing():
         found.append(np.linalg.norm(report.shape[:, None] - report.shape, axis=2))
     np.testing.assert_allclose(*found, atol=1e-9)
     assert np.abs(found[0] - np.linalg.norm(x[:, None] - x, axis=2)).max() > 0.01
+
+
+def test_gravity_that_leans_is_the_structure_turned():
+    """In reports, and for the lightest members: a bracket with mass, turned by 0.5 rad together with gravity's axis."""
+    nodes, c, s = np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0.2, 0.3, 1]]), np.cos(0.5), np.sin(0.5)
+    turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    edges = ((0, 3), (1, 3), (2, 3))
+    found = []
+    for matrix, up in ((np.eye(3), None), (turn, turn[:, 2])):
+        x = nodes @ matrix.T
+        struts = sized_members(edges, edge_lengths(x, edges), "steel", diameter=0.01)
+        structure = Structure(x, [0.0, 0, 0, 20], struts, fixed=tuple((k, "xyz") for k in range(3)))
+        case = LoadCase("aside", (3,), np.array([[30.0, 0, 0]]) @ matrix.T)
+        scene = Scene(structure, gravity=9.81, up=up, loads=(case,))
+        report, at_rest = load_report(scene, "aside", most=1.0), inspect_structure(scene)
+        lightest = least_mass(scene, "steel", "steel")
+        found.append([report.reactions @ matrix, report.forces, at_rest.forces, lightest.area / lightest.area.max()])
+    for leaning, upright in zip(*found):
+        np.testing.assert_allclose(leaning, upright, rtol=1e-6, atol=1e-6 * np.abs(upright).max())

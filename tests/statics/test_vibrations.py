@@ -7,7 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, Members, PenaltyGround, Scene, SolverOptions, Structure, edge_lengths, simulate
+from jaxgrity import (
+    InputError,
+    Members,
+    PenaltyGround,
+    Scene,
+    SolverOptions,
+    Structure,
+    edge_lengths,
+    load_scene,
+    simulate,
+)
 from jaxgrity.model import mass_matrix
 from jaxgrity.statics import prestressed, resting_shape, sparse_mass_matrix, vibration_modes, vibrations
 from jaxgrity.statics.stiffness import rigid_motions, stiffness_matrix
@@ -196,6 +206,13 @@ def test_what_hangs_swings_and_what_stands_on_soft_ground_rocks():
     lying = Structure(np.array([[0.0, 0, -0.01], [1, 0, -0.01]]), np.full(2, 2.0), strut)
     found = vibration_modes(Scene(lying, gravity=9.81, ground=PenaltyGround(2 * 9.81 / 0.01)))
     np.testing.assert_allclose(found.frequency[:2], np.sqrt(9.81 / 0.01) / (2 * np.pi), rtol=1e-9)
+
+
+def test_rigid_struts_are_compressed_as_built():
+    """A robot of rigid struts is at rest in its own shape: modes there are those where stiff springs are at rest."""
+    scene = Scene(load_scene("exact").structure)
+    at_rest = vibration_modes(scene, resting_shape(scene).q, count=8)
+    np.testing.assert_allclose(vibration_modes(scene, count=8).frequency, at_rest.frequency, rtol=1e-5)
 
 
 @pytest.mark.parametrize("given", [{"count": 0}, {"count": -1}, {"q": np.full((3, 3), np.nan)}])

@@ -1,12 +1,14 @@
 """The methods: their order, what they conserve, that they agree with each other, and what they refuse."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import FAILURES, METHODS, Gait, InputError, SolverOptions, simulate
+from jaxgrity import FAILURES, METHODS, Gait, InputError, PenaltyGround, SmoothFriction, SolverOptions, simulate
 from jaxgrity.model.inertia import energy_of_motion
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype
@@ -14,7 +16,7 @@ from jaxgrity.model.structure import Members, Structure
 from jaxgrity.stepping import ResolvedOptions, find_method, register_method, resolve
 from jaxgrity.stepping.discretisation import integrate
 from jaxgrity.stepping.dynamics import angular_momentum, momentum, vector_field
-from jaxgrity.stepping.step_limits import LARGEST_STEP, default_step, stable_step, standing
+from jaxgrity.stepping.step_limits import LARGEST_STEP, default_step, stable_step, standing, step_limit
 
 T = 0.1
 
@@ -217,6 +219,17 @@ def test_motion_blows_up_beyond_the_stable_step_and_not_below(name):
     start = 100.0 / 2 * 1e-3**2
     assert final_energy(0.98) <= start
     assert final_energy(1.02) > 100 * start
+
+
+@pytest.mark.parametrize("fixed", [((0, "y"), (1, "y")), ((0, "xyz"),)], ids=["in a plane", "about a hinge"])
+def test_what_supports_let_fall_lands(fixed):
+    """On soft ground below, whose friction limits the step of the nodes that may move as it does without supports."""
+    struts = Members(((0, 1),), [100.0], [1.0], damping=[1.0])
+    free = Structure(np.array([[0.0, 0, 0.05], [1, 0, 0.05]]), [0.1, 0.1], struts)
+    ground = {"ground": PenaltyGround(1e5, 0.5), "friction": SmoothFriction(0.5, 1e-3)}
+    found = [step_limit(Scene(each, 9.81, **ground), "rk4") for each in (free, dataclasses.replace(free, fixed=fixed))]
+    assert found[1].set_by.startswith("friction at node")
+    np.testing.assert_allclose(found[1].step, found[0].step, rtol=0.01)
 
 
 @pytest.mark.parametrize("name", ["kvaerno3", "kvaerno5"])

@@ -1,0 +1,80 @@
+"""Rigid struts and bodies as stiff springs, whose forces and Hessians statics computes as those of all members."""
+
+import dataclasses
+from typing import ClassVar
+
+import jax
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+
+from jaxgrity.core.errors import InputError
+from jaxgrity.core.types import NodeVectors, Scalar
+from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.laws import Configuration, EnergyTerm
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.springs import as_springs
+from jaxgrity.model.structure import edge_lengths
+from jaxgrity.statics.form_finding import equilibrium_matrix
+from jaxgrity.statics.stiffness import coordinate_map, tangent_of
+
+REDUNDANT = 1e-12
+"""Weight of the squares of rigid members' forces beside those of the forces left at nodes, as a share of the largest:
+it decides where forces are not unique."""
+CORRECTIONS = 3
+"""Number of solutions that take back what this weight costs."""
+
+
+class _AsBuilt(EnergyTerm):
+    """A term of U that sees the scene as it is built, without the springs that stand for bodies."""
+
+    term: EnergyTerm
+    built: Scene
+    name: ClassVar[str] = "term of the scene as built"
+
+    def energy(self, at: Configuration) -> Scalar:
+        numbered = self.built.structure.numbered
+        own = {kind: at.known[kind][: len(members.edges)] for kind, members, _ in numbered if kind in at.known}
+        return self.term.energy(Configuration(at.q, at.t, own, self.built))
+
+
+def with_spring_struts(scene: Scene, stiff: float | None = None) -> Scene:
+    """The scene with stiff springs for rigid struts (`as_springs`). Raises `InputError` on exact contact."""
+    if scene.ground is not None and scene.ground.impulsive:
+        raise InputError("statics needs forces, and exact contact has none; expected penalty contact, or no ground")
+    structure, first = as_springs(scene.structure, stiff)[0], scene.structure.first_cable
+    more = structure.first_cable - first
+    gait, terms = scene.gait, scene.terms
+    if more:  # of bodies: cables have other numbers then, and the user's terms know none of these springs
+        terms = tuple(_AsBuilt(term, scene) if isinstance(term, EnergyTerm) else term for term in terms)
+    if more and gait is not None:
+        moved = tuple(k if k < first else k + more for k in gait.members)
+        gait = dataclasses.replace(gait, members=moved, robot=None)
+    return dataclasses.replace(scene, structure=structure, gait=gait, terms=terms)
+
+
+def bearing(scene: Scene, q: NodeVectors) -> Scene:
+    """`with_spring_struts`, with rigid struts and bodies that bear at `q` what all other forces leave to them.
+
+    So the shape of a scene at rest is one of these springs too, without being compressed. Their forces are part of the
+    tangent stiffness: by them bodies swing, and struts buckle.
+    """
+    springs, count = with_spring_struts(scene), as_springs(scene.structure)[1]
+    struts, x = springs.structure.struts, np.asarray(q, float)
+    if not count or struts is None:
+        return springs
+    whole, free = coordinate_map(scene.structure)
+    place, edges = whole[:, free], struts.edges[-count:]
+    pull = sp.csc_array(place.T @ equilibrium_matrix(x, edges))  # of force densities
+    squares = sp.csc_array(pull.T @ pull)
+    weight = REDUNDANT * float(squares.diagonal().max(initial=0)) or 1.0
+    solve = spla.splu(sp.csc_matrix(squares + weight * sp.eye_array(count, format="csc"))).solve
+    left = -place.T @ tangent_of(springs)(x).gradient.ravel()
+    density = np.zeros(count)
+    for _ in range(CORRECTIONS):
+        density = density + solve(pull.T @ (left - pull @ density))
+    with jax.enable_x64(True):
+        rest = np.array(rest_length(struts, springs.gait, 0.0, 0), float)
+    rest[-count:] -= density * edge_lengths(x, edges) / np.asarray(struts.stiffness, float)[-count:]
+    still = dataclasses.replace(struts, rest_length=rest, motors=(), stuck=tuple(range(len(rest))))
+    return dataclasses.replace(springs, structure=dataclasses.replace(springs.structure, struts=still))
