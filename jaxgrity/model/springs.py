@@ -1,6 +1,7 @@
 """Members' forces from U, and rigid struts as very stiff springs, for equilibrium shapes and modes."""
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -45,7 +46,7 @@ def _with_more(struts: Members, more: Members) -> Members:
     """The struts, and springs without mass after them; their numbers and motors stay."""
     joined = {name: np.r_[getattr(struts, name), getattr(more, name)] for name in ("stiffness", "rest_length")}
     mass = None if struts.mass is None else np.r_[struts.mass, np.zeros(len(more.edges))]
-    unused = dict.fromkeys(("damping", "yield_force", "bending_stiffness"))
+    unused: dict[str, Any] = dict.fromkeys(("damping", "yield_force", "bending_stiffness"))
     return dataclasses.replace(struts, edges=(*struts.edges, *more.edges), **joined, mass=mass, **unused)
 
 

@@ -39,7 +39,7 @@ def standing(scene: Scene) -> State:
     On exact ground they touch it. Supports move along, and the lowest are of the nodes that may move. Without ground,
     and on supports over exact ground, the structure stays where it is.
     """
-    q, loose = np.asarray(scene.structure.nodes, float), scene.structure.free.any(1)
+    q, loose = np.asarray(scene.structure.nodes, float), np.asarray(scene.structure.free.any(1))
     if scene.ground is None or (scene.structure.fixed and (scene.ground.impulsive or not loose.any())):
         return q, 0 * q
     # what is held may be lower, and never lands: it counts as the highest of the others
