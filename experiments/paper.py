@@ -102,7 +102,7 @@ def check(task: tuple[str, Path, bool]) -> tuple[str, dict[str, Any]]:
         "title": report.title,
         "rows": [row._asdict() for row in report.rows],
         "figures": [picture],
-        "drawn": report.drawn,
+        "drawn": [report.drawn],  # a row, and so a line of the record
     }
     save_json(out / f"{name}.json", facts)
     found = json.loads((out / f"{name}.json").read_text())
@@ -115,7 +115,7 @@ def drawn(claim: dict[str, Any]) -> Figure:
     if "drawn" not in claim:
         place = f"redraw = {claim['number']}: measured/paper.json"
         raise InputError(f"{place} holds less than the figure shows; measure again")
-    return importlib.import_module(f"paper_claims.{CLAIMS[claim['number'] - 1]}").figure(**claim["drawn"])
+    return importlib.import_module(f"paper_claims.{CLAIMS[claim['number'] - 1]}").figure(**claim["drawn"][0])
 
 
 def write_page(reports: list[dict], settings: Settings, docs: Path) -> None:

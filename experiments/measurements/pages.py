@@ -93,9 +93,10 @@ def rounded(value: Any, digits: int = DIGITS) -> Any:
 
 
 def laid_out(value: Any, indent: str = "", row: bool = False) -> str:
-    """The text of a value: a line for each row of a table, and for each name of what has tables or is long."""
+    """The text of a value: a line for each row of a table of several, and for each name of what has such tables or is
+    long."""
     inner = indent + "  "
-    if isinstance(value, list) and any(isinstance(item, dict) for item in value):
+    if _has_rows(value) and isinstance(value, list):
         items = [laid_out(item, inner, row=True) for item in value]
         return "[\n" + ",\n".join(inner + item for item in items) + f"\n{indent}]"
     flat = json.dumps(value, ensure_ascii=False)
@@ -106,7 +107,8 @@ def laid_out(value: Any, indent: str = "", row: bool = False) -> str:
 
 
 def _has_rows(value: Any) -> bool:
-    """Whether a list of dictionaries is somewhere in it."""
+    """Whether a list of several dictionaries is somewhere in it."""
     if isinstance(value, dict):
         return any(_has_rows(item) for item in value.values())
-    return isinstance(value, list) and any(isinstance(item, dict) for item in value)
+    rows = [item for item in value if isinstance(item, dict)] if isinstance(value, list) else []
+    return len(rows) > 1 or any(_has_rows(row) for row in rows)

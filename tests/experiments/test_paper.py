@@ -89,7 +89,7 @@ def test_a_figure_is_drawn_anew_from_its_record(tmp_path):
     with pytest.raises(InputError, match=r"redraw = 13: .*holds less than the figure shows; measure again"):
         paper.main(again)
     save_compact(
-        tmp_path / "measured" / "paper.json", {"claims": [claim | {"drawn": {"moved": [[1.0, 0.5], [0.2, 0]]}}]}
+        tmp_path / "measured" / "paper.json", {"claims": [claim | {"drawn": [{"moved": [[1.0, 0.5], [0.2, 0]]}]}]}
     )
     paper.main(again)
     assert (tmp_path / "images" / "paper_future.png").read_bytes().startswith(b"\x89PNG")

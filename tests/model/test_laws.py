@@ -62,12 +62,13 @@ from jaxgrity.structures import prism_tower
 
 
 def concrete(interface: type) -> set[type]:
-    """The classes of the library that implement an interface."""
+    """The classes of the library that implement an interface, but for what a module keeps to itself."""
     found, left = set(), [interface]
     while left:
         kind = left.pop()
         left += kind.__subclasses__()
-        if kind.__module__.startswith("jaxgrity.") and not inspect.isabstract(kind) and not _lacks_attributes(kind):
+        known = kind.__module__.startswith("jaxgrity.") and not kind.__name__.startswith("_")
+        if known and not inspect.isabstract(kind) and not _lacks_attributes(kind):
             found.add(kind)
     return found
 

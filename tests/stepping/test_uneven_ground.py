@@ -259,7 +259,7 @@ def test_robots_of_an_ensemble_start_alike_on_ground_of_their_own(exact):
     for shift in np.asarray(differences.terrain):
         there = dataclasses.replace(ground, offset=shift)
         np.testing.assert_allclose((nodes[:, 2] - there.height(nodes[:, 0], nodes[:, 1])).min(), above, atol=1e-9)
-    with pytest.raises(InputError, match="terrain: robots cannot differ in it, since the ground is a plane"):
+    with pytest.raises(InputError, match="terrain: robots cannot differ in it, since there is a plane"):
         ensemble(jax.random.key(0), exact, gaits, Uncertainty(terrain=2.0), 8)
 
 
