@@ -82,7 +82,7 @@ def spring_forces(members: Members, q: NodeVectors) -> np.ndarray:
 
 
 def stiffness_beside(structure: Structure) -> float:
-    """N/m: that of the stiffest cable beside rigid struts and bodies, without cables that of the stiffest strut; or 0."""
+    """N/m, beside rigid struts and bodies: of the stiffest cable, without cables of the stiffest strut; 0 of none."""
     kinds = (structure.cables, structure.struts)
     found = (float(np.max(m.stiffness)) for m in kinds if m is not None and m.stiffness is not None)
     return next((each for each in found if each > 0), 0.0)

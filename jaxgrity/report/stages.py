@@ -180,4 +180,4 @@ class FollowingStage(Stage):
 def caption(times: np.ndarray, centre: np.ndarray, k: int) -> str:
     """Time and horizontal distance from the start, in saved frame `k`."""
     distance = np.hypot(*(centre[k] - centre[0])[:2])
-    return f"t = {times[k]:.1f} s, {significant(float(distance), 2)} m from the start"
+    return f"t = {significant(float(times[k]), 1, 2)} s, {significant(float(distance), 2)} m from the start"

@@ -11,8 +11,8 @@ import scipy.sparse.linalg as spla
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.laws import Configuration, EnergyTerm
 from jaxgrity.model.ground import PenaltyGround
+from jaxgrity.model.laws import Configuration, EnergyTerm
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import STIFF, as_springs, stiffness_beside
