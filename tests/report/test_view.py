@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +11,7 @@ from scipy.ndimage import binary_dilation
 
 import jaxgrity
 from jaxgrity.report import drawing, stages, view
-from jaxgrity.report.poses import robot_poses, robot_size, rods
+from jaxgrity.report.poses import RobotPoses, robot_poses, robot_size, rods
 from jaxgrity.stepping.simulate import some_frames
 
 
@@ -189,8 +188,8 @@ def test_numbers_of_small_robots_keep_their_digits(rolling_robot):
     poses = robot_poses(*rolling_robot, 50.0)._replace(largest_tension=0.0123)
     assert "cables, 0 to 0.0123 N" in view._with_legend("<body></body>", "", poses)
     times, centre = np.array([0.0, 0.012]), np.array([[0.0, 0, 0], [3e-4, 4e-4, 0]])
-    assert stages.caption(times, centre, 1) == "t = 0.012 s, 0.00050 m from the start"
-    assert stages.caption(100 * times, 100 * centre, 1) == "t = 1.2 s, 0.050 m from the start"
+    assert stages.caption(times, centre, 1) == "t = 0.012 s, 0.000500 m from the start"
+    assert stages.caption(100 * times, 100 * centre, 1) == "t = 1.2 s, 0.0500 m from the start"
 
 
 def test_struts_that_touch_the_ground_are_as_thick_as_they_are():
@@ -289,10 +288,10 @@ def test_the_mesh_of_the_ground_has_its_heights(exact):
             return lambda *args, **kwargs: calls.append((name, args, kwargs))
 
     robot = drawing.RobotDrawing.__new__(drawing.RobotDrawing)
-    robot._api, robot._root = Api(), ""
+    robot._api, robot._root, nothing = Api(), "", RobotPoses(**dict.fromkeys(RobotPoses._fields))
     for robot._size in (0.01, 10.0):  # a hair above the ground, as the robot sees it
         calls.clear()
-        robot.draw_path(SimpleNamespace(below=robot._size * np.eye(3)))
+        robot.draw_path(nothing._replace(below=robot._size * np.eye(3)))
         np.testing.assert_allclose(calls[0][1][1][..., 2], robot._size * np.array([[0.004, 0.004], [0.004, 1.004]]))
     for name in ("bumps", "a ball above nothing"):
         scene = replace(exact, ground=replace(exact.ground, surface=GROUNDS[name]))
