@@ -91,12 +91,12 @@ def test_friction_is_booked_where_it_acts():
 
 
 def test_impulses_of_curved_ground_act_where_a_ball_meets_it():
-    """Of a ball that slides sideways over another one: friction turns it about the place that it has in the step."""
-    nodes = RADIUS * np.vstack([np.zeros(3), np.eye(3)]) + [0.3, 0.0, math.sqrt(1.1**2 - 0.3**2) - 1]
+    """Of a ball that lands on the flank of another one: not where that would be nearest at the start of the step."""
+    nodes = RADIUS * np.vstack([np.zeros(3), np.eye(3)]) + [0.3, 0.0, math.sqrt(1.1**2 - 0.3**2) - 0.99]
     ground = ExactGround(surface=Sphere((0.0, 0.0, -1.0), 1.0), balls=Balls((0,), [RADIUS]))
     body = rigid_body(nodes, range(4), MASS, [0.4 * MASS * RADIUS**2] * 3, nodes[0])
     scene = Scene(Structure(nodes, np.zeros(4), bodies=(body,)), G, ground=ground, friction=ConeFriction(0.5))
-    h, start = 0.02, (jnp.asarray(nodes), jnp.tile(jnp.array([1.0, 2.0, 0.0]), (4, 1)))
+    h, start = 0.02, (jnp.asarray(nodes), jnp.tile(jnp.array([1.0, 2.0, -1.0]), (4, 1)))
     first = jnp.array([1.0, 0, 0, 0])
     found = GroundImpulses(first, (0.3 * first, -0.2 * first), None)
     n, along, across = (np.asarray(x)[0] for x in (lambda f: (f.normal, *f.tangents))(frame_met(ground, 1.0, h, start)))
