@@ -281,7 +281,7 @@ def _drag_on_bodies(root: ElementTree.Element, drag: dict[int, float]) -> None:
 
 
 def _safe_step(plan: Plan, links: list[Link], longest: float) -> float:
-    """s, up to `longest`: an eighth of the period of the stiffest node or body, with all springs along each direction."""
+    """s, up to `longest`: an eighth of the period of the stiffest node or body, with all springs along a direction."""
     x, pull, structure = np.asarray(plan.structure.nodes, float), np.zeros(len(plan.node_mass)), plan.structure
     for members in structure.members:
         if members.stiffness is None:
