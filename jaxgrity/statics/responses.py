@@ -65,13 +65,15 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
     check_each("q", q, shape=np.shape(scene.structure.nodes))
     if f.shape != q.shape:
         raise InputError(f"loads has shape {f.shape}; expected {q.shape}, a force for each node")
-    check_each("loads", f)
+    bad = "loads: expected finite numbers, and a load on a coordinate that no support holds"
+    if not np.isfinite(f).all():
+        raise InputError(bad)
     structure, springs = scene.structure, bearing(scene, q, f)
     K = stiffness_matrix(springs, q)
     place, rigid = motions_of(springs, q, K)
     K, pull = sp.csc_array(place.T @ K @ place), place.T @ f.ravel()
     if not pull.any():
-        raise InputError("loads: expected a load on a coordinate that no support holds")
+        raise InputError(bad)
     if np.abs(rigid.T @ pull).max(initial=0) > BALANCE * np.linalg.norm(pull):
         raise InputError("loads: they do not balance; expected supports, or loads that do")
     size = float(K.diagonal().max(initial=1.0))
