@@ -103,8 +103,9 @@ def test_impulses_of_curved_ground_act_where_a_ball_meets_it():
     assert np.abs(n - np.asarray(ground.frame(start[0]).normal)[0]).max() > 0.01
     impulse = float(scene.structure.borne_mass[0]) * (n + 0.3 * along - 0.2 * across)
     given = np.asarray(sum(on_nodes(scene, h, start, found)))
-    np.testing.assert_allclose(given.sum(0), impulse, rtol=1e-12)
-    np.testing.assert_allclose(np.cross(nodes, given).sum(0), np.cross(nodes[0] - RADIUS * n, impulse), rtol=1e-9)
+    np.testing.assert_allclose(given.sum(0), impulse, rtol=1e-6)
+    # where it is nearest at the start, the moment would be another by a hundredth
+    np.testing.assert_allclose(np.cross(nodes, given).sum(0), np.cross(nodes[0] - RADIUS * n, impulse), rtol=1e-5)
 
 
 def test_balls_are_read_and_written(tmp_path):
