@@ -156,9 +156,8 @@ def inspect_structure(scene: Scene) -> StructureReport:
                 f"{term.name}: the report on a structure knows linear springs alone; expected a scene without, or "
                 "`resting_shape` and `vibration_modes`, which know all of U"
             )
-    loaded = bool(structure.fixed)
+    loaded, given = bool(structure.fixed), np.asarray(structure.nodes, float)
     alone = Scene(structure, gravity=scene.gravity if loaded else None, up=scene.up)
-    given = np.asarray(structure.nodes, float)
     try:
         rest = resting_shape(alone)
         shape, stable, at_rest = np.asarray(rest.q), rest.stable, True
