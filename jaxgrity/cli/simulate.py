@@ -17,6 +17,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.formats.trajectories import save_trajectory
 from jaxgrity.io.files import load_phases, save_json
 from jaxgrity.model.actuation import Gait
+from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.orbits.motion_report import MotionReport, motion_report
 from jaxgrity.populations.population import gaits_of, one_gait, simulate_population
@@ -31,6 +32,9 @@ from jaxgrity.trust.error_bars import verify
 from jaxgrity.trust.trust_report import UNKNOWN_BAR, TrustReport, diagnose
 
 Result = TypeVar("Result")
+
+SAVED, SEEN = 100.0, 50.0
+"""Saved frames per second: at all, and of a robot of one metre. A smaller one changes its face sooner."""
 
 LEFT = (
     *("summary.json", "trajectory.npz", "path.png", "members.png", "forces.png"),
@@ -64,6 +68,11 @@ def main(settings: SimulateSettings) -> None:
 def options_of(settings: SimulateSettings) -> SolverOptions:
     """The solver options of the settings."""
     return SolverOptions(method=settings.method, dt=settings.dt, dtype=settings.dtype, any_step=settings.any_step)
+
+
+def frame_rate_of(scene: Scene) -> float:
+    """Saved frames per second, enough to see what the robot does on its ground."""
+    return SAVED if scene.ground is None or not scene.gravity else max(SAVED, SEEN / float(time_scale(scene)))
 
 
 def film_of(settings: SimulateSettings) -> Path:
@@ -102,7 +111,8 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
     """One rollout with the scene's own gait: its trajectory, its figures, its summary."""
     options, out = options_of(settings), settings.out
     with Bars() as bars:
-        roll = lambda heard: simulate(scene, duration, options=options, on_progress=heard)  # noqa: E731
+        rate = frame_rate_of(scene)
+        roll = lambda heard: simulate(scene, duration, options=options, frame_rate=rate, on_progress=heard)  # noqa: E731
         trajectory, wall, compilation = timed(roll, duration, bars)
     forget_earlier(out)
     path = centre_path(scene, trajectory)

@@ -16,7 +16,7 @@ from jaxgrity.control import environment, episode, learn, learner, save_policy, 
 from jaxgrity.control.environments import Environment
 from jaxgrity.control.ppo import Learner, LearningConfig
 from jaxgrity.core.arguments import check_count
-from jaxgrity.core.display import with_error
+from jaxgrity.core.display import significant, with_error
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import read_json, save_json, write_whole
 from jaxgrity.report import plot, view
@@ -108,7 +108,7 @@ def learned(
             def hear(_: int, facts: dict[str, float]) -> None:
                 curve.append(facts | {"seconds": spent + time.perf_counter() - start})
                 bars.show("learning", len(curve), updates)
-                bars.bar.set_postfix({"progress": f"{facts['progress']:.3f} m/s"})
+                bars.bar.set_postfix({"progress": f"{significant(facts['progress'])} m/s"})
 
             now = learn(env, now, min(SAVED, updates - len(curve)), config, hear)
             write_whole(settings.out / "learner.eqx", partial(eqx.tree_serialise_leaves, pytree=now))

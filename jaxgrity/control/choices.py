@@ -12,11 +12,13 @@ import numpy as np
 from jaxgrity.control.feedback import PhaseLocked, one_frequency
 from jaxgrity.control.learned import Deployed
 from jaxgrity.control.policies import Memory, Policy
-from jaxgrity.control.steering import Steered, centre_offsets, clock_moved
+from jaxgrity.control.steering import SLOWEST_TRAVEL, Steered, centre_offsets, clock_moved
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait, Overtone, check_robot
+from jaxgrity.model.scales import length_scale
+from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
 from jaxgrity.model.symmetry import image, symmetries
 
@@ -115,7 +117,8 @@ def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: 
     """Gaits among which `lead_to` chooses: yours, their images under the structure's symmetries and mirrors, and rest.
 
     An image that equals the gait at another time is left out: a jump of the clock has the same effect. All gaits are in
-    full swing from the beginning, so that a robot can change to one at any angle of its clock.
+    full swing from the beginning, so that a robot can change to one at any angle of its clock. Where steering fades,
+    and for how long the direction of travel is averaged, follows the robot's length and `PhaseLocked.time_scale`.
 
     Args:
         structure: the robot.
@@ -151,7 +154,10 @@ def gait_choices(structure: Structure, gaits: Mapping[str, PhaseLocked], dtype: 
     stacked = jax.tree.map(lambda *x: np.stack(x, axis=-1), *(locked for _, locked in found))
     offsets = np.repeat(centre_offsets(structure, first.members)[..., None], len(found), axis=-1)
     none = np.zeros(len(found))
-    policy = Steered(stacked, none, offsets, full=none + 0.8, averaged=none + 1.0)
+    # of a robot of this size whose motions take as long as its feedback says
+    scale, size = np.asarray(stacked.time_scale), float(length_scale(Scene(structure)))
+    slowest = SLOWEST_TRAVEL * size / float(scale.max())
+    policy = Steered(stacked, none, offsets, full=none + 0.8, averaged=1.0 * scale, slowest=slowest)
     return GaitChoices(jax.tree.map(lambda x: jnp.asarray(x, dtype), policy), tuple(name for name, _ in found))
 
 

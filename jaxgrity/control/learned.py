@@ -42,7 +42,7 @@ class Learned(eqx.Module):
     mean: AnyArray
     """(observation_size,), of the observations in training"""
     deviation: AnyArray
-    """(observation_size,), their standard deviations"""
+    """(observation_size,), their standard deviations; 0: never another number"""
     held: int = eqx.field(static=True)
     """number of control periods for which an action is held"""
 
@@ -53,9 +53,10 @@ class Learned(eqx.Module):
 
 def standardised(policy: Learned, observation: AnyArray) -> jax.Array:
     """What the network sees of an observation."""
-    return jnp.clip((observation - policy.mean) / policy.deviation, -LARGEST_SEEN, LARGEST_SEEN).astype(
-        policy.mean.dtype
-    )
+    # what was always 0 in training has no unit
+    unit = jnp.where(policy.deviation > 0, policy.deviation, 1)
+    seen = jnp.clip((observation - policy.mean) / unit, -LARGEST_SEEN, LARGEST_SEEN)
+    return seen.astype(policy.mean.dtype)
 
 
 def untrained(environment: Environment, key: Any, width: int, depth: int, held: int) -> Learned:

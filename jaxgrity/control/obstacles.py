@@ -156,7 +156,7 @@ class WayMap(NamedTuple):
         Outside the arena a metre counts `CLOSE` times. If no way leads to the goal, it is three times the longest one.
         """
         places, finite = np.asarray(places, float), np.isfinite(self.distance)
-        table = np.where(finite, self.distance, 3 * self.distance[finite].max(initial=1.0))
+        table = np.where(finite, self.distance, 3 * self.distance[finite].max(initial=self.spacing))
         where = ((places - self.corner) / self.spacing).reshape(-1, 2).T
         inside = np.stack([np.clip(w, 0, n - 1.0) for w, n in zip(where, table.shape)])
         beyond = self.spacing * np.linalg.norm(where - inside, axis=0)

@@ -20,6 +20,8 @@ AXIS = "robots"
 """Name of the devices' axis, over which robots are dealt and gradients averaged."""
 RATES = 1e-4, 3e-3
 """Range in which the learning rate follows the policy's change."""
+ALIKE = 1e-4
+"""Smallest standard deviation of an observation that counts, as a share of its mean."""
 LARGEST_GRADIENT = 1.0
 """Norm to which gradients are cut, in the loss's own unit."""
 
@@ -185,5 +187,7 @@ def with_observations(now: Learner, seen: AnyArray) -> Learner:
     known = jnp.where(now.seen > 0, now.policy.deviation**2, 0.0)
     spread = jnp.sqrt((1 - share) * known + share * variance + share * (1 - share) * off**2)
     places = lambda p: (p.mean, p.deviation)  # noqa: E731
-    policy = eqx.tree_at(places, now.policy, (now.policy.mean + share * off, jnp.maximum(spread, 1e-4)))
+    mean = now.policy.mean + share * off
+    # what stays the same is known to rounding, in any unit
+    policy = eqx.tree_at(places, now.policy, (mean, jnp.maximum(spread, ALIKE * jnp.abs(mean))))
     return now._replace(policy=policy, seen=now.seen + count)

@@ -125,7 +125,7 @@ def watched_words(scene: Scene, options: ResolvedOptions) -> str:
         return f"no orbit after {watched} s"
     turning = np.degrees(found.turning)
     speed = f"{significant(found.speed)} m/s"
-    return f"settles on an orbit: {speed}, turning by {turning:.1f}°/s, seen for {watched} s"
+    return f"settles on an orbit: {speed}, turning by {significant(turning, 1, 2)}°/s, seen for {watched} s"
 
 
 def _rolled(scene: Scene, trajectory: Trajectory, options: Options) -> Rolled:

@@ -17,6 +17,7 @@ from jaxgrity.formats.mjcf_plan import Plan, amplitudes, plan_of
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.clusters import cables_of, nodes_along
 from jaxgrity.model.force_laws import CableDampers, DeadBand
+from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 
 STRONGEST = 1e9
@@ -25,8 +26,8 @@ ADDED_INERTIA = 1e-13
 """Share of a body's inertia that is added: MuJoCo refuses flat bodies of which rounding leaves less than flat."""
 THINNEST = 1e-13
 """Radius, m, of the thinnest bars that are drawn: MuJoCo refuses a radius of zero."""
-LARGEST_STEP = 2e-3
-"""Largest time step written to an MJCF file, s."""
+LARGEST_STEP, CONTACT_TIME = 2e-3, 0.02
+"""Largest time step, and time constant of contact, that of MuJoCo's default, s for a body of one metre."""
 CLOSED = [0.9999, 0.9999, 1e-3, 0.5, 2.0]
 """`solimp` of what closes loops of joints, nearly rigid. Its time constant is two steps, the shortest in MuJoCo."""
 
@@ -85,11 +86,12 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     held = _held(scene, links)
     root = ElementTree.Element("mujoco", model="jaxgrity")
     g = 0.0 if scene.gravity is None else float(scene.gravity)
-    step = _safe_step(plan, links) if timestep is None else timestep
+    scale = float(time_scale(scene)) if g else 1.0
+    step = _safe_step(plan, links, LARGEST_STEP * scale) if timestep is None else timestep
     up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)
     add_element(root, "option", timestep=step, integrator=integrator, gravity=(-g * up + 0.0).tolist(), cone="elliptic")
     world = add_element(root, "worldbody")
-    notes += _ground(world, scene, plan.larger)
+    notes += _ground(world, scene, plan.larger, CONTACT_TIME * scale)
     drag = np.zeros(len(plan.node_mass)) if scene.node_damping is None else np.asarray(scene.node_damping, float)
     in_bodies = {node for link in links for node in link.nodes}
     notes += _bodies(root, world, plan, links, held, step)
@@ -106,7 +108,7 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     return MuJoCoModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes), plan.actuated)
 
 
-def _ground(world: ElementTree.Element, scene: Scene, radius: float) -> list[str]:
+def _ground(world: ElementTree.Element, scene: Scene, radius: float, time: float) -> list[str]:
     if scene.ground is None:
         return []
     if scene.ground.surface is not None:
@@ -114,11 +116,13 @@ def _ground(world: ElementTree.Element, scene: Scene, radius: float) -> list[str
     mu = 0.0 if scene.friction is None else float(np.max(scene.friction.sliding_mu))
     n = scene.ground.normal
     at = [-radius * axis for axis in n]
-    flags = {"contype": 0, "conaffinity": 1, "priority": 1, "friction": [mu, 0.0, 0.0]}
+    own, flags = time != CONTACT_TIME, {"contype": 0, "conaffinity": 1, "priority": 1, "friction": [mu, 0.0, 0.0]}
+    flags |= {"solref": [time, 1.0]} if own else {}
     add_element(world, "geom", name="ground", type="plane", size=[0, 0, 1], zaxis=list(n), pos=at, **flags)
     differ = scene.friction is not None and np.ptp(scene.friction.sliding_mu) > 0
     which = "the largest of the nodes' friction coefficients" if differ else "the friction coefficient of the scene"
-    return [f"contact is MuJoCo's own: soft, with its default stiffness, and with {which}"]
+    stiffness = "the time constant of its default at the robot's size" if own else "its default stiffness"
+    return [f"contact is MuJoCo's own: soft, with {stiffness}, and with {which}"]
 
 
 def _held(scene: Scene, links: list[Link]) -> set[int]:
@@ -276,8 +280,8 @@ def _drag_on_bodies(root: ElementTree.Element, drag: dict[int, float]) -> None:
             add_element(actuators, "general", name=f"drag{node}{'xyz'[axis]}", site=f"n{node}", gear=gear, **bias)
 
 
-def _safe_step(plan: Plan, links: list[Link]) -> float:
-    """s: an eighth of the period of the stiffest node or body, with all springs of a node along each direction."""
+def _safe_step(plan: Plan, links: list[Link], longest: float) -> float:
+    """s, up to `longest`: an eighth of the period of the stiffest node or body, with all springs along a direction."""
     x, pull, structure = np.asarray(plan.structure.nodes, float), np.zeros(len(plan.node_mass)), plan.structure
     for members in structure.members:
         if members.stiffness is None:
@@ -292,4 +296,4 @@ def _safe_step(plan: Plan, links: list[Link]) -> float:
         K = np.einsum("anx,n,bnx->ab", moved, pull[nodes], moved)
         squares.append(eigh(K, block_diag(link.mass * np.eye(3), link.inertia), eigvals_only=True)[-1])
     fastest = math.sqrt(2 * max(squares, default=0))
-    return float(min(LARGEST_STEP, 2 * math.pi / fastest / 8 if fastest else LARGEST_STEP))
+    return float(min(longest, 2 * math.pi / fastest / 8 if fastest else longest))

@@ -15,7 +15,7 @@ from jaxgrity.core.arguments import check_each, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, PerRow, as_float, namespace_of
 from jaxgrity.model.bodies import Bodies
-from jaxgrity.model.surface import Surface
+from jaxgrity.model.surface import Direction, Surface
 
 
 class Balls(eqx.Module):
@@ -116,23 +116,25 @@ def touching_velocities(ground: Any, bodies: Bodies, q: NodeVectors, v: NodeVect
     return v if ground.balls is None else v + _spun(ground, bodies, q, v)
 
 
-def acting_on_nodes(ground: Any, bodies: Bodies, q: NodeVectors, forces: list[NodeVectors]) -> list[NodeVectors]:
-    """Of forces along the normal and both tangents: those at nodes that do what the `ground` does where balls touch it.
+def acting_on_nodes(
+    balls: Balls | None, bodies: Bodies, q: NodeVectors, normal: Direction, forces: list[NodeVectors]
+) -> list[NodeVectors]:
+    """Of forces along the `normal` and both tangents: those at nodes that do what the ground does where balls touch it.
 
-    Along tangents it is the transpose of `touching_velocities`.
+    Along tangents it is the transpose of `touching_velocities` with that normal: of a step's impulses it is the normal
+    where balls meet the ground in the step.
     """
-    if ground.balls is None:
+    if balls is None:
         return forces
-    rows, weights = np.array(ground.balls.nodes), _weights(ground, bodies, q)
+    rows, weights = np.array(balls.nodes), _weights(balls, bodies, q, normal)
     return [forces[0], *(force + weights.T @ force[rows] for force in forces[1:])]
 
 
 def _spun(ground: Any, bodies: Bodies, q: NodeVectors, v: NodeVectors) -> NodeVectors:
     rows = np.array(ground.balls.nodes)
-    return jnp.zeros_like(v).at[rows].set(_weights(ground, bodies, q) @ v)
+    return jnp.zeros_like(v).at[rows].set(_weights(ground.balls, bodies, q, ground.frame(q).normal) @ v)
 
 
-def _weights(ground: Any, bodies: Bodies, q: NodeVectors) -> AnyArray:
-    rows = np.array(ground.balls.nodes)
-    normal = jnp.broadcast_to(jnp.asarray(ground.frame(q).normal, q.dtype), q.shape)[rows]
-    return ground.balls.turning(bodies, q, normal)
+def _weights(balls: Balls, bodies: Bodies, q: NodeVectors, normal: Direction) -> AnyArray:
+    each = jnp.broadcast_to(jnp.asarray(normal, q.dtype), q.shape)[np.array(balls.nodes)]
+    return balls.turning(bodies, q, each)

@@ -10,7 +10,7 @@ from jaxgrity.core.arguments import check_count, check_each, check_indices
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import along, dot, inner, length, norm_squared, ones, take_rows
 from jaxgrity.core.types import AnyArray, AnyNodeVectors, AnyPerNode, Scalar, Vector, as_float
-from jaxgrity.model.laws import DissipationTerm, Motion, unchanged_per_node
+from jaxgrity.model.laws import SAME, DissipationTerm, Motion, unchanged_per_node
 
 
 class Wind(DissipationTerm):
@@ -117,7 +117,8 @@ class Push(DissipationTerm):
     def keeps(self, symmetry):
         pushed = dict(zip(self.nodes, np.asarray(self.force)))
         moved = {symmetry.nodes[i]: symmetry.matrix @ force for i, force in pushed.items()}
-        return moved.keys() == pushed.keys() and all(np.allclose(moved[i], pushed[i]) for i in pushed)
+        off = SAME * np.abs(np.asarray(self.force)).max(initial=0)
+        return moved.keys() == pushed.keys() and all(np.allclose(moved[i], pushed[i], rtol=0, atol=off) for i in pushed)
 
 
 def wind(velocity, drag, nodes: int) -> Wind:

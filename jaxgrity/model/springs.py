@@ -18,18 +18,18 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, member_vectors
 
 STIFF = 1e5
-"""Stiffness of the springs that replace rigid struts, as a multiple of the cables' stiffness."""
+"""Stiffness of the springs that replace rigid struts, as a multiple of the stiffness beside them."""
 
 
 def as_springs(structure: Structure, stiff: float | None = None) -> tuple[Structure, int]:
     """The structure with rigid struts as very stiff springs, and how many there are: so many modes are not real.
 
     Such springs, the last ones, join the basic points of rigid bodies too, which hold their shape. `stiff` is their
-    stiffness, N/m, where it is not to be the usual one.
+    stiffness, N/m: by default that for a structure on which nothing else acts.
     """
-    struts, cables = structure.struts, structure.cables
+    struts = structure.struts
     if stiff is None:
-        stiff = STIFF * float(np.max(cables.stiffness)) if cables is not None and cables.stiffness is not None else 1e8
+        stiff = STIFF * (stiffness_beside(structure) or 1.0)
     count = 0
     if struts is not None and struts.rigid:
         count = len(struts.edges)
@@ -79,6 +79,13 @@ def spring_forces(members: Members, q: NodeVectors) -> np.ndarray:
     with jax.enable_x64(True):
         longer = built_lengths(members, q) - np.asarray(rest_length(members, None, 0.0, 0), float)
         return np.asarray(pull(np.asarray(members.stiffness, float), longer, members.clusters))
+
+
+def stiffness_beside(structure: Structure) -> float:
+    """N/m, beside rigid struts and bodies: of the stiffest cable, without cables of the stiffest strut; 0 of none."""
+    kinds = (structure.cables, structure.struts)
+    found = (float(np.max(m.stiffness)) for m in kinds if m is not None and m.stiffness is not None)
+    return next((each for each in found if each > 0), 0.0)
 
 
 def largest_force(structure: Structure) -> float:

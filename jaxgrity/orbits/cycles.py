@@ -7,8 +7,9 @@ from jaxtyping import Float
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, namespace_of
+from jaxgrity.model.energy import UP
 from jaxgrity.model.external import Push
-from jaxgrity.model.laws import Symmetry
+from jaxgrity.model.laws import SAME, Symmetry
 from jaxgrity.model.scene import Scene
 
 MOST_PERIODS = 12
@@ -31,7 +32,8 @@ class Plane(NamedTuple):
     axes: Float[np.ndarray, "3 3"]
     """its columns: down the slope, across it, and the normal"""
     turns: bool
-    """whether a robot that is turned about the normal moves alike: where the plane is level, and no wind blows along"""
+    """whether a robot that is turned about the normal moves alike: where the plane is level, and neither gravity nor
+    wind leans"""
 
 
 def plane_of(scene: Scene) -> Plane:
@@ -39,17 +41,17 @@ def plane_of(scene: Scene) -> Plane:
 
     Laws of your own that do not say which symmetries they keep are taken for laws without a direction. Pushes end.
     """
+    if scene.ground is not None and scene.ground.surface is not None:
+        raise InputError("ground.surface: expected a plane, on which a motion can repeat itself, for an orbit")
+    incline = 0.0 if scene.ground is None else scene.ground.incline
+    s, c = np.sin(incline), np.cos(incline)
+    axes = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    up = np.asarray(UP if scene.up is None or scene.gravity is None else scene.up, float)
+    level = not incline and bool(np.allclose(up, UP, rtol=0, atol=SAME))
     nodes, members = range(len(scene.structure.nodes)), range(scene.structure.member_count)
     turn = Symmetry(tuple(nodes), TURN, tuple(members))
     directed = [law for law in scene.terms if not isinstance(law, Push) and law.keeps(turn) is False]
-    if scene.ground is None:
-        return Plane(np.eye(3), not directed)
-    if scene.ground.surface is not None:
-        raise InputError("ground.surface: expected a plane, on which a motion can repeat itself, for an orbit")
-    s, c = np.sin(scene.ground.incline), np.cos(scene.ground.incline)
-    return Plane(
-        np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]), not scene.ground.incline and scene.up is None and not directed
-    )
+    return Plane(axes, level and not directed)
 
 
 def shape(q: NodeVectors, plane: Plane) -> np.ndarray:

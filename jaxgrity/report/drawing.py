@@ -17,6 +17,8 @@ WORLD = "/world"
 """Name of the frame of all that is shown. A camera that follows is a world that moves the other way."""
 WAY = "#3b5bdb"
 """Colour of lines that are shown beside a robot."""
+ABOVE = 4e-3
+"""Height of the path above the ground, in robot sizes: a line within it would flicker."""
 ABOUT, CELL, MOST_CELLS = 3.0, 0.1, 160
 """Margin of uneven ground about a path and size of its cells, in robot sizes, and most cells along a side."""
 SIDES = 12
@@ -39,26 +41,25 @@ class World:
     """The frame in which robots and their ground stand."""
 
     def __init__(self, scene_api: Any, scene: Scene):
-        self._api = scene_api
+        self._api, self._size = scene_api, robot_size(scene)
         self._frame = scene_api.add_frame(WORLD, show_axes=False)
         # where the ground leans more than its file says, gravity leans in the scene: here the world does
         up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)
         self.lean(up)
         if scene.ground is not None and scene.ground.surface is None:
             tilt = turn_to_z(np.array(scene.ground.normal)) * np.array([1, -1, -1, -1])
-            size = robot_size(scene)
             scene_api.add_grid(
                 f"{WORLD}/ground",
                 wxyz=tilt,
                 infinite_grid=True,
-                cell_size=size / 2,
-                section_size=size,
+                cell_size=self._size / 2,
+                section_size=self._size,
                 cell_color=colour("#bdb7a8"),
                 section_color=colour("#989180"),
                 plane_color=colour(GROUND),
                 plane_opacity=0.9,
                 shadow_opacity=0.35,
-                fade_distance=25 * size,
+                fade_distance=25 * self._size,
             )
 
     def draw_ground(self, scene: Scene, places: np.ndarray) -> None:
@@ -94,7 +95,7 @@ class World:
     def draw_way(self, name: str, points: np.ndarray) -> None:
         """A line through `points`, (points, 3), m."""
         pieces = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
-        self._api.add_line_segments(f"{WORLD}/{name}", pieces, colors=colour(WAY), thickness=0.02)
+        self._api.add_line_segments(f"{WORLD}/{name}", pieces, colors=colour(WAY), thickness=0.02 * self._size)
 
     def lean(self, up: np.ndarray) -> None:
         """Turn the world so that this unit vector points up."""
@@ -146,7 +147,7 @@ class RobotDrawing:
     def draw_path(self, poses: RobotPoses) -> None:
         """The path of the centre of mass, on the ground."""
         points = np.stack([poses.below[:-1], poses.below[1:]], axis=1).astype(np.float32)
-        points[..., 2] += 4e-3
+        points[..., 2] += ABOVE * self._size
         self._path = self._api.add_line_segments(
             f"{self._root}/path of the centre of mass", points, colors=colour(PATH), thickness=0.012 * self._size
         )

@@ -13,6 +13,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeHistory, Times
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.orbits.cycles import plane_of
 from jaxgrity.report.style import CABLE, PATH, STRUT, SUPPORT, styled
 from jaxgrity.stepping.simulate import Trajectory
 
@@ -26,13 +27,14 @@ def orbit_figure(scene: Scene, trajectory: Trajectory, cycle: float, turning: fl
 
     In the cycle the frame goes as far as the centre of mass, along a line, or a circle where the robot turns. In that
     frame the path of an orbit is closed. On the left it is seen from above, with the polygons between the nodes on the
-    ground; on the right it is drawn against time, with the height.
+    ground; on the right it is drawn against time, with the height. On a slope, all this is along the plane and its
+    normal, as in `Orbit`.
 
     Args:
         scene: the robot, on a ground.
         trajectory: of a cycle or more, with a few dozen frames in each cycle.
         cycle: s, as `Orbit.period` times `Orbit.periods`.
-        turning: rad/s about the vertical, positive to the left, as `Orbit.turning`.
+        turning: rad/s about the ground's normal, positive to the left, as `Orbit.turning`.
 
     Raises:
         InputError: no ground, or a trajectory shorter than a cycle.
@@ -47,10 +49,10 @@ def orbit_figure(scene: Scene, trajectory: Trajectory, cycle: float, turning: fl
     if scene.ground is None:
         raise InputError("this scene has no ground to touch; expected [ground]")
     times, history = _last_cycle(trajectory, cycle)
-    nodes = np.asarray(history)
+    touching = scene.ground.measured(np.asarray(history))[0] < scene.ground.touched_below * length_scale(scene)
+    nodes = np.asarray(history) @ (plane_of(scene).axes if scene.ground.surface is None else np.eye(3))
     share = np.asarray(scene.structure.lumped_mass, float) / float(scene.structure.mass)
     centre = np.einsum("n,fnx->fx", share, nodes)
-    touching = scene.ground.measured(nodes)[0] < scene.ground.touched_below * length_scale(scene)
     origin, heading = _moving_frame(_flat(centre), turning * cycle)
     seen = (_flat(centre) - origin) / heading
     corners = (_flat(nodes) - origin[:, None]) / heading[:, None]

@@ -90,7 +90,8 @@ class WholeStage(Stage):
         self._nodes._offsets3d = tuple(q.T)  # Matplotlib has no public way to move 3D markers
         for artist in (*self._members, self._nodes):
             artist.do_3d_projection()
-        self._trail.set_data_3d(x, y, 0 * x if self._ground is None else self._ground.height(x, y))
+        z = 0 * x if self._ground is None else self._ground.height(x, y)
+        self._trail.set_data_3d(x, y, np.where(np.isfinite(z), z, np.nan))
         self._title.set_text(caption(self._times, self._centre, k))
         self._canvas.restore_region(self._background)
         for artist in self._moving:
@@ -154,8 +155,8 @@ class FollowingStage(Stage):
     def _on_ground(self, points: np.ndarray) -> np.ndarray:
         """The points of the ground below; where there is none, of a plane below all of the motion."""
         x, y, ground = points[:, 0], points[:, 1], self._scene.ground
-        z = np.full(len(x), self._positions[..., 2].min()) if ground is None else ground.height(x, y)
-        return np.stack([x, y, z], axis=-1)
+        z = np.full(len(x), -np.inf) if ground is None else ground.height(x, y)
+        return np.stack([x, y, np.where(np.isfinite(z), z, self._positions[..., 2].min())], axis=-1)
 
     def _show_ground(self, here: np.ndarray) -> None:
         """Fixed lines half a robot apart; they fade with their distance from the camera's aim."""
@@ -180,4 +181,4 @@ class FollowingStage(Stage):
 def caption(times: np.ndarray, centre: np.ndarray, k: int) -> str:
     """Time and horizontal distance from the start, in saved frame `k`."""
     distance = np.hypot(*(centre[k] - centre[0])[:2])
-    return f"t = {times[k]:.1f} s, {significant(float(distance), 2)} m from the start"
+    return f"t = {significant(float(times[k]), 1, 2)} s, {significant(float(distance), 2)} m from the start"

@@ -15,6 +15,7 @@ import lazy_loader
 import matplotlib
 import numpy as np
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.io.files import check_file, write_whole
 from jaxgrity.model.scene import Scene
@@ -229,7 +230,7 @@ def _with_legend(page: str, title: str, poses: RobotPoses) -> str:
     ramp = "linear-gradient(90deg," + ",".join(matplotlib.colors.to_hex(shade) for shade in shades) + ")"
     marks = [
         (STRUT, "struts, rigid bodies"),
-        (ramp, f"cables, 0 to {poses.largest_tension:.0f} N"),
+        (ramp, f"cables, 0 to {in_digits(poses.largest_tension)} N"),
         (SLACK, "slack cables"),
         (FORCE, "forces of the ground"),
         (SUPPORT, "support polygon"),

@@ -11,6 +11,7 @@ import numpy as np
 import optax
 from jaxtyping import Float
 
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.elementwise import rows_where
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
@@ -92,9 +93,8 @@ def routes_from(problem: SearchProblem, genes, options: ResolvedOptions, config:
     if refused == len(genes):
         horizon = min(duration, growth[0].horizon(bound))
         ends = "the rollout ends" if horizon == duration else f"|d com/d phase| passes {bound:g} m/rad"
-        remarks.append(
-            f"no pathwise gradient was used: {ends} after {horizon:.1f} s, before one period of full actuation is over"
-        )
+        early = f"{ends} after {in_digits(horizon)} s, before one period of full actuation is over"
+        remarks.append(f"no pathwise gradient was used: {early}")
     elif refused:
         remarks.append(f"{refused} of {len(genes)} starts are too sensitive for pathwise gradients")
     return Routes(routes, growth[0], remarks)

@@ -56,7 +56,7 @@ def describe(scene: Scene) -> str:
 
 def _span(values: AnyArray | list, unit: str) -> str:
     low, high = float(np.min(values)), float(np.max(values))
-    text = " to ".join(in_digits(each, 4) for each in ((low,) if np.isclose(low, high) else (low, high)))
+    text = " to ".join(in_digits(each, 4) for each in ((low,) if np.isclose(low, high, atol=0) else (low, high)))
     return f"{text} {unit}" if unit else text
 
 

@@ -21,7 +21,7 @@ from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness, smallest_stiffness
-from jaxgrity.statics.spring_struts import with_spring_struts
+from jaxgrity.statics.spring_struts import stiffness_around, with_spring_struts
 from jaxgrity.statics.stiffness import coordinate_map, factor_if_definite, free_coordinates, tangent_of
 
 ITERATIONS = 500
@@ -29,8 +29,8 @@ ITERATIONS = 500
 PATIENCE = 30
 """Most steps with rigid struts from where they are given; from there on by way of struts that give way."""
 GIVING = 100.0
-"""Stiffness of springs in place of rigid struts, as a multiple of the stiffest cable's. Without cables, it is a
-multiple of the loads over the structure's size: springs then give way by a hundredth."""
+"""Stiffness of springs in place of rigid struts, as a multiple of what is beside them. Without springs that is the
+loads over the structure's size: struts give way by a hundredth then."""
 SMALLEST_SHIFT, LARGEST_SHIFT = 1e-12, 1e6
 """Limits of the shift of the stiffness matrix, as shares of its largest diagonal entry."""
 RESISTANCE = 1e-8
@@ -82,11 +82,11 @@ def resting_shape(
         True
     """
     refuse_traced((scene, start, loads), "resting_shape", "`equilibrium_near` has derivatives of what this finds")
-    springs = with_spring_struts(scene)
     q = np.array(scene.structure.nodes if start is None else start, float)
     pull = np.zeros(q.shape) if loads is None else np.asarray(loads, float)
     for name, given in (("start", q), ("loads", pull)):
         check_each(name, given, shape=np.shape(scene.structure.nodes))
+    springs = with_spring_struts(scene, pull)
     check_each("tolerance", tolerance, shape=(), above=0.0, unit="N")
     whole, free = coordinate_map(scene.structure)
     limit = max(1e-11 * largest_force(scene.structure), 100 * np.finfo(float).eps * largest_force(springs.structure))
@@ -193,15 +193,9 @@ def _softer(scene: Scene, loads: np.ndarray) -> Scene | None:
 
     None where there are no such struts, or nothing pulls.
     """
-    structure = scene.structure
-    if not rigid_pairs(scene):
+    if not (rigid_pairs(scene) and stiffness_around(scene, loads)):
         return None
-    cables = structure.cables
-    if cables is not None and cables.stiffness is not None:
-        return with_spring_struts(scene, GIVING * float(np.max(cables.stiffness)))
-    load = float(structure.mass) * float(scene.gravity or 0.0) + float(np.abs(loads).sum())
-    size = float(np.linalg.norm(np.ptp(np.asarray(structure.nodes), axis=0)))
-    return with_spring_struts(scene, GIVING * load / size) if load else None
+    return with_spring_struts(scene, loads, GIVING)
 
 
 def _descend(

@@ -11,10 +11,11 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerRow
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.springs import as_springs, spring_forces
+from jaxgrity.model.springs import STIFF, as_springs, spring_forces, stiffness_beside
 from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.equilibrium import resting_shape
 from jaxgrity.statics.form_finding import Statics, prestress_stable, statics_of, super_stable
+from jaxgrity.statics.spring_struts import with_spring_struts
 from jaxgrity.statics.stiffness import all_edges
 from jaxgrity.statics.strength import force_words, strength_of
 from jaxgrity.statics.vibrations import vibration_modes
@@ -155,20 +156,20 @@ def inspect_structure(scene: Scene) -> StructureReport:
                 f"{term.name}: the report on a structure knows linear springs alone; expected a scene without, or "
                 "`resting_shape` and `vibration_modes`, which know all of U"
             )
-    loaded = bool(structure.fixed)
+    loaded, given = bool(structure.fixed), np.asarray(structure.nodes, float)
     alone = Scene(structure, gravity=scene.gravity if loaded else None, up=scene.up)
-    given = np.asarray(structure.nodes, float)
     try:
         rest = resting_shape(alone)
         shape, stable, at_rest = np.asarray(rest.q), rest.stable, True
     except InputError:
         shape, stable, at_rest = given, False, False
     edges = all_edges(structure)
-    forces = _that_count(structure, member_forces(structure, shape))
+    springs = with_spring_struts(alone).structure
+    forces = _that_count(structure, springs, _forces(structure, springs, shape))
     slides = structure.cables is not None and structure.cables.clusters
     countable = not slides and len(edges) <= LARGEST
     counted = statics_of(shape, edges, structure.supported, ZERO_SINGULAR, structure.bodies) if countable else None
-    edges, density = _densities(structure, shape, forces)
+    edges, density = _densities(structure, springs, shape, forces)
     stressed = counted if counted and at_rest and not loaded and (forces.any() or len(counted.mechanisms)) else None
     modes = vibration_modes(alone, shape)
     return StructureReport(
@@ -186,20 +187,22 @@ def inspect_structure(scene: Scene) -> StructureReport:
     )
 
 
-def _densities(structure: Structure, shape: NodeVectors, forces: PerMember) -> tuple[Edges, PerMember]:
+def _densities(
+    structure: Structure, springs: Structure, shape: NodeVectors, forces: PerMember
+) -> tuple[Edges, PerMember]:
     """The members and their force densities, N/m, and after them the pairs of nodes that keep rigid bodies in shape."""
-    springs = as_springs(structure)[0].struts if structure.bodies else None
-    first = structure.first_cable
-    held = () if springs is None else springs.edges[first:]
+    struts, first = springs.struts if structure.bodies else None, structure.first_cable
+    held = () if struts is None else struts.edges[first:]
     edges = (*all_edges(structure), *held)
-    inside = np.zeros(0) if springs is None else spring_forces(springs, shape)[first:]
+    inside = np.zeros(0) if struts is None else spring_forces(struts, shape)[first:]
     return edges, np.r_[forces, inside] / edge_lengths(shape, edges)
 
 
-def _that_count(structure: Structure, forces: PerMember) -> PerMember:
-    """The forces; those below `NOTHING`, which are rounding, are 0."""
-    springs = as_springs(structure)[0]
-    stretch = np.concatenate([(np.asarray(m.stiffness, float) * m.rest_length).ravel() for m in springs.members])
+def _that_count(structure: Structure, springs: Structure, forces: PerMember) -> PerMember:
+    """The forces; those below `NOTHING`, which are rounding, are 0. Beside real springs, rigid members do not count."""
+    own, share = (structure, 1.0) if stiffness_beside(structure) else (springs, 1 / STIFF)
+    kinds = [m for m in own.members if m.stiffness is not None]
+    stretch = share * np.concatenate([(np.asarray(m.stiffness, float) * m.rest_length).ravel() for m in kinds])
     softest = stretch[stretch > 0].min(initial=np.inf)
     return np.where(np.abs(forces) > NOTHING * softest, forces, 0.0) if np.isfinite(softest) else forces
 
@@ -208,11 +211,19 @@ def _that_count(structure: Structure, forces: PerMember) -> PerMember:
 def member_forces(structure: Structure, q: NodeVectors) -> PerMember:
     """K (l - L) of each member at `q` and t = 0, N, tension positive, struts first; a slack cable has none.
 
-    L has what motors wound before t = 0. Rigid struts count as very stiff springs. All segments of a cable that runs
-    through several nodes have its tension.
+    L has what motors wound before t = 0. Rigid struts count as very stiff springs: their compression in a shape at rest
+    tells their force. All segments of a cable that runs through several nodes have its tension. Raises `InputError`
+    where rigid struts have no springs beside them: `inspect_structure` and `load_report` know what loads them.
     """
     refuse_traced((structure, q), "member_forces", "take `jax.grad` of the scene's potential_energy")
-    springs = as_springs(structure)[0]
+    springs, stiff = as_springs(structure)
+    if stiff and structure.member_count and not stiffness_beside(structure):
+        raise InputError("member_forces: no spring loads the rigid struts; expected `inspect_structure` of the scene")
+    return _forces(structure, springs, q)
+
+
+def _forces(structure: Structure, springs: Structure, q: NodeVectors) -> PerMember:
+    """The same, with `springs` in place of what is rigid."""
     # after the struts come springs that stand for rigid bodies
     found = [spring_forces(springs.struts, q)[: structure.first_cable]] if springs.struts is not None else []
     found += [np.maximum(spring_forces(springs.cables, q), 0)] if springs.cables is not None else []

@@ -139,7 +139,8 @@ def load_report(scene: Scene, case: LoadCase | str, most: float = 10.0) -> LoadR
     case = _case(scene, case)
     structure, where = scene.structure, f"load case {case.name!r}"
     terms = tuple(term for term in scene.terms if isinstance(term, EnergyTerm))
-    alone = Scene(structure, gravity=scene.gravity if structure.fixed else None, up=scene.up, terms=terms)
+    g = scene.gravity if structure.fixed else None
+    alone = Scene(structure, gravity=g, up=scene.up, terms=terms, loads=(case,))
     loads = case.on_nodes(len(structure.nodes))
     try:
         rest = np.asarray(resting_shape(alone).q)

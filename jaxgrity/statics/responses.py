@@ -65,12 +65,15 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
     check_each("q", q, shape=np.shape(scene.structure.nodes))
     if f.shape != q.shape:
         raise InputError(f"loads has shape {f.shape}; expected {q.shape}, a force for each node")
-    structure, springs = scene.structure, bearing(scene, q)
+    bad = "loads: expected finite numbers, and a load on a coordinate that no support holds"
+    if not np.isfinite(f).all():
+        raise InputError(bad)
+    structure, springs = scene.structure, bearing(scene, q, f)
     K = stiffness_matrix(springs, q)
     place, rigid = motions_of(springs, q, K)
     K, pull = sp.csc_array(place.T @ K @ place), place.T @ f.ravel()
-    if not np.isfinite(f).all() or not pull.any():
-        raise InputError("loads: expected finite numbers, and a load on a coordinate that no support holds")
+    if not pull.any():
+        raise InputError(bad)
     if np.abs(rigid.T @ pull).max(initial=0) > BALANCE * np.linalg.norm(pull):
         raise InputError("loads: they do not balance; expected supports, or loads that do")
     size = float(K.diagonal().max(initial=1.0))
@@ -83,7 +86,7 @@ def static_response(scene: Scene, q: NodeVectors, loads: Loads) -> StaticRespons
     if not np.linalg.norm(K @ u - pull) <= 1e-6 * np.linalg.norm(pull):
         raise InputError(loose)
     displacement = (place @ u).reshape(q.shape)
-    tension, change = _both(scene, q, displacement)
+    tension, change = _both(scene, q, displacement, f)
     slackening = (np.arange(len(tension)) >= structure.first_cable) & (tension > 0) & (change < 0)
     margin = float((tension[slackening] / -change[slackening]).min(initial=np.inf))
     return StaticResponse(displacement, change, float(pull @ u / np.sum(f[structure.free] ** 2)), margin)
@@ -94,9 +97,11 @@ def tensions_at(scene: Scene, q: NodeVectors) -> np.ndarray:
     return _both(scene, np.asarray(q, float), np.zeros(np.shape(q)))[0]
 
 
-def _both(scene: Scene, q: np.ndarray, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _both(
+    scene: Scene, q: np.ndarray, displacement: np.ndarray, loads: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """The members' tensions at `q` and t = 0, N, struts first, and their first-order change."""
-    springs, first = with_spring_struts(scene), scene.structure.first_cable
+    springs, first = with_spring_struts(scene, loads), scene.structure.first_cable
     with jax.enable_x64(True):
         by_kind = _along(springs, jnp.asarray(q), jnp.asarray(displacement))
     every = (np.concatenate([found[kind] for kind in springs.structure.kinds]) for found in by_kind)

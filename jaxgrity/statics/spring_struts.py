@@ -11,9 +11,11 @@ import scipy.sparse.linalg as spla
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.model.actuation import rest_length
+from jaxgrity.model.ground import PenaltyGround
 from jaxgrity.model.laws import Configuration, EnergyTerm
+from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.springs import as_springs
+from jaxgrity.model.springs import STIFF, as_springs, stiffness_beside
 from jaxgrity.model.structure import edge_lengths
 from jaxgrity.statics.form_finding import equilibrium_matrix
 from jaxgrity.statics.stiffness import coordinate_map, tangent_of
@@ -38,10 +40,14 @@ class _AsBuilt(EnergyTerm):
         return self.term.energy(Configuration(at.q, at.t, own, self.built))
 
 
-def with_spring_struts(scene: Scene, stiff: float | None = None) -> Scene:
-    """The scene with stiff springs for rigid struts (`as_springs`). Raises `InputError` on exact contact."""
+def with_spring_struts(scene: Scene, loads: np.ndarray | None = None, times: float = STIFF) -> Scene:
+    """The scene with stiff springs for rigid struts (`as_springs`). Raises `InputError` on exact contact.
+
+    They are `times` as stiff as what is beside them (`stiffness_around`).
+    """
     if scene.ground is not None and scene.ground.impulsive:
         raise InputError("statics needs forces, and exact contact has none; expected penalty contact, or no ground")
+    stiff = times * (stiffness_around(scene, loads) or 1.0) if rigid_pairs(scene) else None
     structure, first = as_springs(scene.structure, stiff)[0], scene.structure.first_cable
     more = structure.first_cable - first
     gait, terms = scene.gait, scene.terms
@@ -53,13 +59,33 @@ def with_spring_struts(scene: Scene, stiff: float | None = None) -> Scene:
     return dataclasses.replace(scene, structure=structure, gait=gait, terms=terms)
 
 
-def bearing(scene: Scene, q: NodeVectors) -> Scene:
+def stiffness_around(scene: Scene, loads: np.ndarray | None = None) -> float:
+    """N/m, of what acts on rigid struts and bodies: the stiffest cable, without cables the stiffest strut.
+
+    Without springs it is that of the ground and of further terms of U, and all forces over the structure's size: its
+    weight and load cases, or the given `loads`, N, where it has none. 0 where nothing acts.
+    """
+    structure, x = scene.structure, np.asarray(scene.structure.nodes, float)
+    if beside := stiffness_beside(structure):
+        return beside
+    size = float(np.linalg.norm(np.ptp(x, axis=0)))
+    cases = [np.asarray(case.force, float) for case in scene.loads] or ([] if loads is None else [loads])
+    force = float(structure.mass) * float(scene.gravity or 0.0) + sum(float(np.abs(each).sum()) for each in cases)
+    found = float(scene.ground.stiffness) if isinstance(scene.ground, PenaltyGround) else 0.0
+    if any(isinstance(term, EnergyTerm) for term in scene.terms):
+        here = tangent_of(scene)(x)
+        found = max(found, float(np.abs(here.stiffness().diagonal()).max(initial=0)))
+        force += float(np.abs(here.gradient).sum())
+    return found + (force / size if size else 0.0)
+
+
+def bearing(scene: Scene, q: NodeVectors, loads: np.ndarray | None = None) -> Scene:
     """`with_spring_struts`, with rigid struts and bodies that bear at `q` what all other forces leave to them.
 
     So the shape of a scene at rest is one of these springs too, without being compressed. Their forces are part of the
     tangent stiffness: by them bodies swing, and struts buckle.
     """
-    springs, count = with_spring_struts(scene), as_springs(scene.structure)[1]
+    springs, count = with_spring_struts(scene, loads), as_springs(scene.structure)[1]
     struts, x = springs.structure.struts, np.asarray(q, float)
     if not count or struts is None:
         return springs

@@ -20,10 +20,11 @@ ROUNDINGS = 100
 
 def on_nodes(scene: Scene, h: Scalar, start: State, found: GroundImpulses) -> list[NodeVectors]:
     """The impulses of exact ground on each node, N s, in a step of size h (s): along the normal and both tangents."""
-    frame = frame_met(cast(ExactGround, exact_ground(scene)), length_scale(scene), h, start)
+    ground = cast(ExactGround, exact_ground(scene))
+    frame = frame_met(ground, length_scale(scene), h, start)
     speeds, directions = (found.normal, *found.tangential), (frame.normal, *frame.tangents)
     forces = [scale(along(p, n), scene.structure.borne_mass) for p, n in zip(speeds, directions)]
-    forces = acting_on_nodes(scene.ground, scene.structure.bodies, start[0], forces)
+    forces = acting_on_nodes(ground.balls, scene.structure.bodies, start[0], frame.normal, forces)
     if found.along_struts is None:
         return forces
     return [x + y for x, y in zip(forces, on_ends(scene, h, start, found.along_struts))]

@@ -1,5 +1,6 @@
 """The command `jaxgrity`: what each subcommand leaves, and one clear line with exit code 2 on bad input."""
 
+import dataclasses
 import importlib
 import io
 import json
@@ -200,6 +201,17 @@ def test_a_refused_command_says_and_changes_nothing_else(jaxgrity, tmp_path, mon
 
 
 @pytest.mark.slow
+def test_frames_of_small_robots_show_what_they_do():
+    """Else the command says nothing of the motion: a robot of a millimetre changes its face within 3 ms."""
+    scene = load_scene("exact")
+    for size, rate in ((1.0, 100.0), (100.0, 100.0), (1e-4, 5000.0)):
+        struts = dataclasses.replace(scene.structure.struts, rest_length=size * scene.structure.struts.rest_length)
+        structure = dataclasses.replace(scene.structure, nodes=size * scene.structure.nodes, struts=struts)
+        here = dataclasses.replace(scene, structure=structure)
+        assert simulate.frame_rate_of(here) == pytest.approx(rate, rel=1e-6)
+    assert simulate.frame_rate_of(dataclasses.replace(here, ground=None, friction=None)) == 100.0
+
+
 def test_simulate_reports_a_failure_as_data(jaxgrity, tmp_path):
     """A gait that no step can follow ends in the summary's list of failures, with exit code 0."""
     (tmp_path / "scene.toml").write_text(FREE.replace("stiffness = 2e4", "stiffness = 1e12") + DRIVEN)

@@ -327,6 +327,18 @@ def test_a_robot_of_a_centimetre_steers_as_one_of_a_metre(scene):
         Steered(OpenLoop(gait), 0.3, offsets, slowest=0.0)
 
 
+def test_gaits_to_choose_from_steer_alike_at_every_size(scene):
+    """Those of a robot of a centimetre fade below a tenth of the speed, and are averaged over a tenth of the time."""
+    built, lasting = scene.structure, jaxgrity.load_gait("lasting")
+    small = replace(
+        built, nodes=0.01 * built.nodes, struts=replace(built.struts, rest_length=0.01 * built.struts.rest_length)
+    )
+    for structure, time in ((built, 1.0), (small, 0.1)):
+        found = control.gait_choices(structure, {"lasting": PhaseLocked(lasting, time_scale=time)}).policy
+        np.testing.assert_allclose(found.averaged, time, rtol=1e-6)
+        assert found.slowest == pytest.approx(0.05 * time, rel=1e-6)
+
+
 class Counting(control.Policy):
     """Commands from an integer, a mask and a random key that it remembers."""
 

@@ -44,7 +44,7 @@ from jaxgrity.control import (
     simulate_policy,
     trials,
 )
-from jaxgrity.control.learned import untrained
+from jaxgrity.control.learned import standardised, untrained
 from jaxgrity.control.ppo import AXIS, Learner, Tried, advantages, with_observations
 from jaxgrity.io.files import save_json
 from jaxgrity.stepping.discretisation import FAILURES
@@ -195,9 +195,11 @@ def test_advantages_are_those_of_their_definition(env):
         np.testing.assert_allclose(targets[t, 0], gain + value(seen[t, 0]), atol=1e-5)
 
 
-def test_mean_and_deviation_are_those_of_all_observations(env):
-    """Seen in three parts, on two devices."""
-    seen = np.random.default_rng(1).normal(2.0, 3.0, (3, 2, 5, env.observation_size)).astype(np.float32)
+@pytest.mark.parametrize("unit", [1.0, 1e-6])
+def test_mean_and_deviation_are_those_of_all_observations(env, unit):
+    """Seen in three parts, on two devices; of lengths that vary by micrometres, too, and of what is always 0."""
+    seen = np.random.default_rng(1).normal(2.0 * unit, 3.0 * unit, (3, 2, 5, env.observation_size)).astype(np.float32)
+    seen[..., 0] = 0.0
     now = learner_of(env)
     for part in seen:
         after = jax.vmap(lambda x, now=now: places(with_observations(now, x)), axis_name=AXIS)(part)
@@ -205,8 +207,13 @@ def test_mean_and_deviation_are_those_of_all_observations(env):
         policy = eqx.tree_at(lambda p: (p.mean, p.deviation), now.policy, (mean, deviation))
         now = now._replace(policy=policy, seen=count)
     whole = seen.reshape(-1, seen.shape[-1])
-    np.testing.assert_allclose(now.policy.mean, whole.mean(0), atol=1e-5)
+    np.testing.assert_allclose(now.policy.mean, whole.mean(0), atol=1e-5 * unit)
     np.testing.assert_allclose(now.policy.deviation, whole.std(0), rtol=1e-4)
+    np.testing.assert_allclose(
+        standardised(now.policy, whole[-1]),
+        (whole[-1] - whole.mean(0)) / np.where(whole.std(0), whole.std(0), 1),
+        atol=1e-3,
+    )
     assert now.seen == len(whole)
 
 

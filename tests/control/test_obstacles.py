@@ -73,7 +73,7 @@ def test_ways_and_goals_are_of_the_robots_size(scene):
     tiny = Discs(0.05 * disc.centres, 0.05 * disc.radii)
     way = control.way_map(disc, goal, ARENA, robot=scene)
     less = control.way_map(tiny, 0.05 * goal, tuple(0.05 * side for side in ARENA), robot=small)
-    places = np.array([[0.0, 0.0], [4.0, 2.0]])
+    places = np.array([[0.0, 0.0], [4.0, 2.0], [5.0, 0.0]])  # no way leads to the goal from the last
     np.testing.assert_allclose(less.to_go(0.05 * places), 0.05 * way.to_go(places), rtol=1e-6)
     assert at_size(None, REACHED, scene) == pytest.approx(0.3)
     assert at_size(None, REACHED, small) == pytest.approx(0.015)

@@ -210,6 +210,17 @@ def test_spheres_at_nodes_are_as_small_as_the_robot(exact):
     np.testing.assert_allclose(model.geom("ground").pos, [0, 0, -1e-5], rtol=1e-9, atol=1e-15)
 
 
+def test_contact_and_steps_are_those_of_the_robots_size(exact):
+    """A robot of a centimetre sinks a hundredth as deep into MuJoCo's contact, and its steps are a tenth as long."""
+    bare = with_gait(dataclasses.replace(exact, structure=dataclasses.replace(exact.structure, cables=None)), None)
+    for size, time in ((1.0, 1.0), (0.01, 0.1), (100.0, 10.0)):
+        lengths = lambda s: (s.structure.nodes, s.structure.struts.rest_length)  # noqa: E731
+        there = eqx.tree_at(lengths, bare, [size * np.asarray(x) for x in lengths(bare)])
+        model = mujoco.MjModel.from_xml_string(mujoco_model(there).xml)
+        np.testing.assert_allclose(model.geom("ground").solref, [0.02 * time, 1.0], rtol=1e-9)
+        assert model.opt.timestep == pytest.approx(2e-3 * time, rel=1e-9)
+
+
 def test_frictions_that_differ_become_the_largest(reference):
     """MuJoCo has one coefficient for the pair of ground and node here, and the notes say which."""
     mu = np.linspace(0.2, 0.7, 12)

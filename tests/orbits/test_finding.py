@@ -67,6 +67,9 @@ def test_a_turn_changes_a_motion_on_a_slope_and_in_wind(exact):
     aloft = replace(winds[0.0, 4.0, 0.0], ground=None, friction=None)
     turns = [plane_of(scene).turns for scene in (exact, *winds.values(), pushed, slope, aloft)]
     assert turns == [True, False, True, True, False, False]
+    upright, leaning = (replace(exact, up=np.array(up)) for up in ((0.0, 0.0, 1.0), (0.6, 0.0, 0.8)))
+    falling = replace(leaning, ground=None, friction=None)
+    assert [plane_of(scene).turns for scene in (upright, leaning, falling)] == [True, False, False]
 
 
 def test_pushes_and_motors_go_on_from_an_orbit(exact):

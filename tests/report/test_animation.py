@@ -192,6 +192,16 @@ def test_a_camera_that_follows_keeps_the_robot_in_the_middle(scene, motion, tmp_
     assert trail[-1].min() < 10 < 100 < trail[-1].max() < 190
 
 
+@pytest.mark.parametrize("camera", ["whole", "follow"])
+def test_a_robot_beside_all_ground_is_drawn(scene, motion, tmp_path, camera):
+    """Of a table that it leaves: below it is no height at all."""
+    table = jaxgrity.Box((0.0, 0.0, -0.5), (1.0, 1.0, 1.0))
+    scene = replace(scene, ground=replace(scene.ground, surface=table))
+    animate(scene, carried(motion, 0.0), tmp_path / "a.gif", frame_rate=3.0, width=300, camera=camera)
+    pictures, _ = read(tmp_path / "a.gif")
+    assert all(len(where(picture, STRUT)) > 30 for picture in pictures)
+
+
 def test_a_camera_that_is_none_of_them_is_refused(scene, motion, tmp_path):
     """In one line."""
     with pytest.raises(jaxgrity.InputError, match="camera = 'above': expected whole or follow"):

@@ -1,5 +1,7 @@
 """The page that a search leaves leads with what the gait does; the picture of its orbit is that of a closed path."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -109,9 +111,10 @@ def test_an_orbit_is_closed_in_its_moving_frame(turn):
         np.testing.assert_allclose(seen, wobble, atol=1e-3)
 
 
-@pytest.mark.parametrize("turning", [0.0, 0.5])
-def test_the_moving_frame_goes_along_the_arc(exact, turning):
-    """In 4 s, on a circle too, where the way straight to its end is shorter by a sixth."""
+@pytest.mark.parametrize(("turning", "incline"), [(0.0, 0.0), (0.5, 0.0), (0.0, 0.5)])
+def test_the_moving_frame_goes_along_the_arc(exact, turning, incline):
+    """In 4 s, on a circle too, where the way straight to its end is shorter by a sixth, and down a slope, where a robot
+    that stays as high above the plane stays as high in the figure."""
     times = np.linspace(0, 4.0, 161)
     angle, zero = turning * times, 0 * times
     turn = np.array(
@@ -120,11 +123,15 @@ def test_the_moving_frame_goes_along_the_arc(exact, turning):
     way = 0.8 * (times if turning == 0 else np.expm1(1j * angle) / (1j * turning))
     nodes = np.einsum("abf,nb->fna", turn, np.asarray(exact.structure.nodes))
     nodes = nodes + np.stack([np.real(way), np.imag(way), zero], axis=-1)[:, None]
+    tilt = np.array([[np.cos(incline), 0, np.sin(incline)], [0, 1, 0], [-np.sin(incline), 0, np.cos(incline)]])
     done = jaxgrity.Trajectory(
-        times, nodes, 0 * nodes, jnp.zeros((), int), jnp.zeros((), int), jnp.zeros((), int), "", None
+        times, nodes @ tilt.T, 0 * nodes, jnp.zeros((), int), jnp.zeros((), int), jnp.zeros((), int), "", None
     )
-    figure = plot.orbit_figure(exact, done, 4.0, turning)
+    there = replace(exact, ground=replace(exact.ground, incline=incline))
+    figure = plot.orbit_figure(there, done, 4.0, turning)
     assert figure.axes[1].get_title() == "about a frame that goes at 0.800 m/s"
+    height = next(line for line in figure.axes[1].lines if line.get_label() == "up").get_ydata()
+    np.testing.assert_allclose(height, 0, atol=1e-9)
 
 
 def test_a_cycle_must_be_within_the_motion(exact):

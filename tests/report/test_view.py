@@ -10,8 +10,8 @@ from browser import is_red, screenshot, start_browser, wait_for
 from scipy.ndimage import binary_dilation
 
 import jaxgrity
-from jaxgrity.report import drawing, view
-from jaxgrity.report.poses import robot_poses, robot_size, rods
+from jaxgrity.report import drawing, stages, view
+from jaxgrity.report.poses import RobotPoses, robot_poses, robot_size, rods
 from jaxgrity.stepping.simulate import some_frames
 
 
@@ -183,6 +183,15 @@ def test_rigid_bodies_are_drawn(tmp_path):
         jaxgrity.report.animate(scene, motion, tmp_path / f"{camera}.gif", camera=camera)
 
 
+def test_numbers_of_small_robots_keep_their_digits(rolling_robot):
+    """In the legend of a replay, and in the caption of a picture: not 0 N, and not one time for all."""
+    poses = robot_poses(*rolling_robot, 50.0)._replace(largest_tension=0.0123)
+    assert "cables, 0 to 0.0123 N" in view._with_legend("<body></body>", "", poses)
+    times, centre = np.array([0.0, 0.012]), np.array([[0.0, 0, 0], [3e-4, 4e-4, 0]])
+    assert stages.caption(times, centre, 1) == "t = 0.012 s, 0.000500 m from the start"
+    assert stages.caption(100 * times, 100 * centre, 1) == "t = 1.2 s, 0.0500 m from the start"
+
+
 def test_struts_that_touch_the_ground_are_as_thick_as_they_are():
     """Those with a radius; others as ever."""
     nodes = np.array([[0.0, 0, 0.1], [1.0, 0, 0.1], [0.0, 1, 0.1], [1.0, 1, 0.1]])
@@ -278,6 +287,12 @@ def test_the_mesh_of_the_ground_has_its_heights(exact):
         def __getattr__(self, name):
             return lambda *args, **kwargs: calls.append((name, args, kwargs))
 
+    robot = drawing.RobotDrawing.__new__(drawing.RobotDrawing)
+    robot._api, robot._root, nothing = Api(), "", RobotPoses(**dict.fromkeys(RobotPoses._fields))
+    for robot._size in (0.01, 10.0):  # a hair above the ground, as the robot sees it
+        calls.clear()
+        robot.draw_path(nothing._replace(below=robot._size * np.eye(3)))
+        np.testing.assert_allclose(calls[0][1][1][..., 2], robot._size * np.array([[0.004, 0.004], [0.004, 1.004]]))
     for name in ("bumps", "a ball above nothing"):
         scene = replace(exact, ground=replace(exact.ground, surface=GROUNDS[name]))
         world = drawing.World.__new__(drawing.World)

@@ -21,6 +21,7 @@ from jaxgrity import (
     parse_scene,
 )
 from jaxgrity.model import rigid_body
+from jaxgrity.statics.describe import _span
 
 CUSTOM = """
 [structure]
@@ -53,6 +54,12 @@ def test_what_the_ground_is_is_said(exact):
     ):
         assert described(dataclasses.replace(exact, ground=ground))["ground"] == told
     assert "ground" not in described(dataclasses.replace(exact, ground=None, friction=None))
+
+
+def test_small_numbers_that_differ_are_two():
+    """As the masses of a robot of a millimetre."""
+    assert _span([1e-9, 5e-9], "kg") == "1e-09 to 5e-09 kg"
+    assert _span([1e-9, 1.0000001e-9], "kg") == "1e-09 kg"
 
 
 def test_what_is_broken_or_stuck_is_named():

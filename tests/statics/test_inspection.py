@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, Scene, Structure, load_scene, parse_scene
+from jaxgrity import InputError, Members, Scene, Structure, load_scene, parse_scene
+from jaxgrity.model import LoadCase
 from jaxgrity.report import plot
 from jaxgrity.report.plot import resting_force_figure
-from jaxgrity.statics import inspect_structure, member_forces
+from jaxgrity.statics import inspect_structure, load_report, member_forces, vibration_modes
 
 PRISM = """
 [structure]
@@ -128,3 +129,26 @@ def test_the_structure_of_the_recipe_stands():
     assert report.prestress_stable
     assert report.slack == ()
     assert report.moved < 0.05
+
+
+@pytest.mark.parametrize(("mass", "length"), [(1.0, 1.0), (1e-6, 1.0), (1e6, 10.0), (1e-3, 0.01)])
+def test_a_rigid_strut_alone_bears_its_load_at_every_size(mass, length):
+    """A pendulum at rest pulls with its weight, m g, and swings at sqrt(g/l) along x and y: no spring is beside it."""
+    rod = Members(((0, 1),), None, [length])
+    hung = Scene(Structure([[0, 0, 0], [0, 0, -length]], [0.0, mass], rod, fixed=((0, "xyz"),)), gravity=9.81)
+    found = inspect_structure(hung)
+    np.testing.assert_allclose(found.forces, mass * 9.81, rtol=1e-6)
+    assert found.moved < 1.1e-5 * length
+    swings = np.sqrt(9.81 / length) / (2 * np.pi)
+    np.testing.assert_allclose(found.frequencies[:2], swings, rtol=2e-5)
+    np.testing.assert_allclose(vibration_modes(hung).frequency[:2], swings, rtol=1e-9)
+    aside = load_report(hung, LoadCase("aside", (1,), [[0.1 * mass * 9.81, 0, 0]]))
+    np.testing.assert_allclose(aside.displacement[1, 0], length * np.sin(np.arctan(0.1)), rtol=2e-5)
+    np.testing.assert_allclose(aside.forces, mass * 9.81 * np.hypot(1, 0.1), rtol=1e-6)
+
+
+def test_forces_of_rigid_struts_alone_are_not_guessed():
+    """They follow from what loads them, of which a structure alone knows nothing."""
+    rod = Members(((0, 1),), None, [1.0])
+    with pytest.raises(InputError, match="no spring loads the rigid struts; expected `inspect_structure`"):
+        member_forces(Structure([[0, 0, 0], [0, 0, -1]], [0.0, 1.0], rod, fixed=((0, "xyz"),)), np.eye(3)[:2])

@@ -14,6 +14,7 @@ from jaxgrity import (
     Scene,
     SmoothFriction,
     SolverOptions,
+    Sphere,
     Structure,
     SwitchFriction,
     energy_audit,
@@ -23,6 +24,9 @@ from jaxgrity import (
     simulate,
 )
 from jaxgrity.model import Balls, rigid_body
+from jaxgrity.stepping.constraints import GroundImpulses
+from jaxgrity.stepping.entering import frame_met
+from jaxgrity.stepping.ground_impulses import on_nodes
 
 RADIUS, MASS, G = 0.1, 1.5, 9.81
 SLOPE = 0.2
@@ -84,6 +88,24 @@ def test_friction_is_booked_where_it_acts():
     slid = energy_audit(sphere(0.02), 1.0, options=SolverOptions(dt=4e-3))
     force, spin = 0.02 * MASS * G * math.cos(SLOPE), 0.02 * G * math.cos(SLOPE) / 0.4
     assert slid.dissipated["friction"][-1] == pytest.approx(force * (SLIDING - spin) / 2, rel=2e-2)
+
+
+def test_impulses_of_curved_ground_act_where_a_ball_meets_it():
+    """Of a ball that lands on the flank of another one: not where that would be nearest at the start of the step."""
+    nodes = RADIUS * np.vstack([np.zeros(3), np.eye(3)]) + [0.3, 0.0, math.sqrt(1.1**2 - 0.3**2) - 0.99]
+    ground = ExactGround(surface=Sphere((0.0, 0.0, -1.0), 1.0), balls=Balls((0,), [RADIUS]))
+    body = rigid_body(nodes, range(4), MASS, [0.4 * MASS * RADIUS**2] * 3, nodes[0])
+    scene = Scene(Structure(nodes, np.zeros(4), bodies=(body,)), G, ground=ground, friction=ConeFriction(0.5))
+    h, start = 0.02, (jnp.asarray(nodes), jnp.tile(jnp.array([1.0, 2.0, -1.0]), (4, 1)))
+    first = jnp.array([1.0, 0, 0, 0])
+    found = GroundImpulses(first, (0.3 * first, -0.2 * first), None)
+    n, along, across = (np.asarray(x)[0] for x in (lambda f: (f.normal, *f.tangents))(frame_met(ground, 1.0, h, start)))
+    assert np.abs(n - np.asarray(ground.frame(start[0]).normal)[0]).max() > 0.01
+    impulse = float(scene.structure.borne_mass[0]) * (n + 0.3 * along - 0.2 * across)
+    given = np.asarray(sum(on_nodes(scene, h, start, found)))
+    np.testing.assert_allclose(given.sum(0), impulse, rtol=1e-6)
+    # where it is nearest at the start, the moment would be another by a hundredth
+    np.testing.assert_allclose(np.cross(nodes, given).sum(0), np.cross(nodes[0] - RADIUS * n, impulse), rtol=1e-5)
 
 
 def test_balls_are_read_and_written(tmp_path):
