@@ -14,7 +14,7 @@ from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.body_points import carrying, following, independent_nodes
 from jaxgrity.model.capsules import Capsules
 from jaxgrity.model.ground import ExactGround
-from jaxgrity.model.inertia import mobility
+from jaxgrity.model.inertia import independent_mobility
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
@@ -58,18 +58,26 @@ class Constraints(NamedTuple):
     """m/s, of which tolerances are a share"""
 
 
-def constraints_of(
-    scene: Scene, times: tuple[Scalar, Scalar], state: State, start: NodeVectors, touching: TouchingStruts
-) -> Constraints:
-    """The constraints of a step of size h that ends at t1 (`times`, s), from `state`, q (m) and v (m/s); `start` is w0
-    (m/s) of all nodes.
+class Contacts(NamedTuple):
+    """What may touch in a step; fields of the same name are those of `Constraints`."""
 
-    `touching`: the points of struts that may touch the ground, or each other.
+    contact: Contact | None
+    frame: AnyArray
+    weights: AnyArray | None
+    between: AnyArray | None = None
+    """numbers of the contacts between struts, among those of all pairs; None: there are none"""
+
+
+def constraints_of(
+    scene: Scene, times: tuple[Scalar, Scalar], q: NodeVectors, contacts: Contacts, start: NodeVectors
+) -> Constraints:
+    """The constraints of a step of size h that ends at t1 (`times`, s), from `q`, m.
+
+    `start`: w0 of all nodes, m/s.
     """
-    (h, t1), (q, _) = times, state
+    h, t1 = times
     structure, nodes = scene.structure, moving_nodes(scene)
-    own = mobility(structure) if structure.mobility is None else structure.mobility
-    own = own if len(nodes) == len(q) else own[nodes[:, None], nodes]
+    own = independent_mobility(structure) if structure.mobility is None else structure.mobility
     edges, apart, goal = rigid_pairs(scene), None, None
     if edges:
         apart, goal = edge_vectors(placed_by_bodies(scene, q), edges) / h, rigid_lengths(scene, t1) / h
@@ -77,10 +85,10 @@ def constraints_of(
     return Constraints(
         own,
         start[nodes],
-        jnp.asarray(_carried(scene, signs_of_ends(scene)), q.dtype),
+        jnp.asarray(signs_of_ends(scene), q.dtype),
         apart,
         goal,
-        *_contacts(scene, h, state, touching),
+        *contacts[:3],
         jnp.max(jnp.abs(start)) + slow,
     )
 
@@ -116,12 +124,15 @@ def velocities_of_all(scene: Scene, h: Scalar, q: NodeVectors, w: NodeVectors) -
     return following(bodies, w) + (following(bodies, q) - q) / h
 
 
-def signs_of_ends(scene: Scene) -> np.ndarray:
-    """(struts, all nodes): 1 and -1 at the ends of what keeps its length."""
+def signs_of_ends(scene: Scene) -> AnyArray:
+    """(struts, nodes): by how much each independent node moves the first end of what keeps its length against the
+    second: 1 and -1 at the ends."""
     edges = np.array(rigid_pairs(scene), int).reshape(-1, 2)
     signs, rows = np.zeros((len(edges), len(scene.structure.nodes))), np.arange(len(edges))
     signs[rows, edges[:, 0]], signs[rows, edges[:, 1]] = 1, -1
-    return signs
+    kept = signs[:, moving_nodes(scene)]
+    # most join independent nodes alone, and then need no product of matrices in every step
+    return kept if np.count_nonzero(kept) == 2 * len(edges) else _carried(scene, signs)
 
 
 def _carried(scene: Scene, weights: AnyArray) -> AnyArray:
@@ -131,10 +142,11 @@ def _carried(scene: Scene, weights: AnyArray) -> AnyArray:
     return weights @ carrying(scene.structure.bodies, weights.shape[-1])
 
 
-def _contacts(
-    scene: Scene, h: Scalar, state: State, touching: TouchingStruts
-) -> tuple[Contact | None, AnyArray, AnyArray | None]:
-    """Contacts, frames and weights."""
+def contacts_of(scene: Scene, h: Scalar, state: State, touching: TouchingStruts) -> Contacts:
+    """What may touch in a step of h (s) from `state`, q (m) and v (m/s).
+
+    `touching`: the points of struts that may touch the ground, or each other.
+    """
     q, v = state
     ground, structure, rows = exact_ground(scene), scene.structure, contact_nodes(scene)
     speed, size = speed_scale(scene), length_scale(scene)
@@ -161,7 +173,7 @@ def _contacts(
     if touching.each_other is not None:
         contact = Contact(jnp.zeros(0, q.dtype), None, None, least) if contact is None else contact
         contact, frame, weights = _and_between(scene, h, touching.each_other, contact, frame, weights)
-    return contact, frame, weights
+    return Contacts(contact, frame, weights, None if touching.each_other is None else touching.each_other.rows)
 
 
 def _weights_of_nodes(scene: Scene, q: NodeVectors, frame: AnyArray) -> AnyArray | None:
@@ -170,7 +182,7 @@ def _weights_of_nodes(scene: Scene, q: NodeVectors, frame: AnyArray) -> AnyArray
     balls = None if ground is None else ground.balls
     if balls is None and np.array_equal(rows, nodes):
         return None
-    own = jnp.asarray(_carried(scene, np.eye(len(q), dtype=q.dtype)[rows]), q.dtype)
+    own = jnp.asarray(carrying(scene.structure.bodies, len(q)), q.dtype)[rows]
     if balls is None:
         return jnp.stack([own] * 3, axis=1)
     # basic points are independent
