@@ -99,8 +99,8 @@ def following(bodies: Bodies, x: NodeVectors) -> NodeVectors:
     """Positions, or velocities, with the bodies' other points from the basic ones."""
     for stack in stacks_of(bodies):
         if stack.carried:
-            parts = scale(take_rows(x, _numbers(stack.carriers)), _flat(stack.weights, x))
-            there = place_rows(parts, _owners(stack), len(stack.carried))
+            columns = zip(stack.carriers.T, jnp.asarray(stack.weights, x.dtype).T)
+            there = sum(scale(take_rows(x, _numbers(nodes)), weights) for nodes, weights in columns)
             x = x + place_rows(there - take_rows(x, stack.carried), stack.carried, len(x))
     return x
 

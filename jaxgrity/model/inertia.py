@@ -14,7 +14,7 @@ from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import along, component, dot, inner, place_rows, respond, scale, take_rows
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, MassMatrix, Mobility, NodeVectors, Scalar
-from jaxgrity.model.body_points import carrying, energy_of_bodies, independent_nodes, onto_basic
+from jaxgrity.model.body_points import carrying, energy_of_bodies, following, independent_nodes, onto_basic
 from jaxgrity.model.structure import Structure
 
 
@@ -52,8 +52,15 @@ def mass_matrix(structure: Structure) -> MassMatrix:
         >>> jaxgrity.model.mass_matrix(jaxgrity.Structure([[0, 0, 0], [1, 0, 0]], [0.0, 0.0], rod))[::3, ::3].tolist()
         [[2.0, 1.0], [1.0, 2.0]]
     """
-    v = jnp.zeros_like(jnp.asarray(structure.nodes))
-    return jax.hessian(energy_of_motion, argnums=1)(structure, v).reshape(v.size, v.size)
+    mass = _mass_along_an_axis(structure)
+    return jnp.kron(mass, jnp.eye(3, dtype=mass.dtype))
+
+
+def _mass_along_an_axis(structure: Structure) -> AnyArray:
+    """(nodes, nodes), kg: T is as much for the same velocities along x, y or z, and velocities along two of them add
+    none."""
+    x = jnp.asarray(structure.nodes)[:, 0]
+    return jax.hessian(lambda v: energy_of_motion(structure, along(v, (1.0, 0.0, 0.0))))(jnp.zeros_like(x))
 
 
 @typed
@@ -64,15 +71,25 @@ def mobility(structure: Structure) -> Mobility:
     It is the inverse of the part of the mass matrix that belongs to the free coordinates. Points that follow others of
     their bodies move as these do, and pass on to them what acts on them.
     """
-    size = len(structure.nodes)
-    mass = mass_matrix(structure).reshape(size, 3, size, 3)
-    free = structure.free.T.astype(mass.dtype)
-    of_axes = jnp.moveaxis(jnp.diagonal(mass, axis1=1, axis2=3), -1, 0)
+    own = independent_mobility(structure)
     if not structure.bodies:
-        return jnp.moveaxis(_inverse_of_free(of_axes, free), 0, -1)
-    carry = carrying(structure.bodies, size)
-    free = free[:, np.array(independent_nodes(structure.bodies, size))]
-    return jnp.moveaxis(carry @ _inverse_of_free(carry.T @ of_axes @ carry, free) @ carry.T, 0, -1)
+        return own
+    carry = carrying(structure.bodies, len(structure.nodes))
+    return jnp.moveaxis(carry @ jnp.moveaxis(own, -1, 0) @ carry.T, 0, -1)
+
+
+@jax.jit
+def independent_mobility(structure: Structure) -> Mobility:
+    """`mobility` of the independent nodes alone: the others follow them."""
+    size, free = len(structure.nodes), structure.free
+    if structure.of_points:
+        own = jnp.where(free, structure.node_mass[:, None], 1)
+        return jnp.eye(size, dtype=own.dtype)[:, :, None] * jnp.where(free, 1 / own, 0)
+    mass = _mass_along_an_axis(structure)
+    if structure.bodies:
+        carry, free = carrying(structure.bodies, size), free[np.array(independent_nodes(structure.bodies, size))]
+        mass = carry.T @ mass @ carry
+    return jnp.moveaxis(_inverse_of_free(jnp.broadcast_to(mass, (3, *mass.shape)), free.T.astype(mass.dtype)), 0, -1)
 
 
 def independent_coordinates(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
@@ -96,14 +113,20 @@ def _inverse_of_free(mass: AnyArray, free: AnyArray) -> AnyArray:
 
 def with_mobility(structure: Structure) -> Structure:
     """The structure with its `mobility`, where that is more than 1/m_i, so that steps need not compute it."""
-    return dataclasses.replace(structure, mobility=mobility(structure)) if structure.needs_mobility else structure
+    own = independent_mobility(structure) if structure.needs_mobility else None
+    return structure if own is None else dataclasses.replace(structure, mobility=own)
 
 
 def accelerations(structure: Structure, force: NodeVectors) -> NodeVectors:
     """M^-1 F, (nodes, 3), m/s^2, of the free coordinates; 0 along those that are fixed."""
     if not structure.needs_mobility:
         return scale(force, 1 / structure.node_mass)
-    return respond(mobility(structure) if structure.mobility is None else structure.mobility, force)
+    own = independent_mobility(structure) if structure.mobility is None else structure.mobility
+    if not structure.bodies:
+        return respond(own, force)
+    size, bodies = len(structure.nodes), structure.bodies
+    nodes = independent_nodes(bodies, size)
+    return following(bodies, place_rows(respond(own, take_rows(onto_basic(bodies, force), nodes)), nodes, size))
 
 
 def along_fixed(structure: Structure, x: NodeVectors) -> NodeVectors:

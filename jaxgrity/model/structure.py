@@ -96,7 +96,7 @@ class Structure(eqx.Module):
     bodies: Bodies = ()
     """rigid bodies, from `rigid_body`, to which nodes are fixed"""
     mobility: Mobility | None = None
-    """response of nodes to forces, computed once for all steps of a rollout; None: it is computed when needed"""
+    """response of independent nodes to forces, computed once for a rollout; None: it is computed when needed"""
 
     def __check_init__(self):
         shape, count = np.shape(self.nodes), np.shape(self.node_mass)

@@ -16,7 +16,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Count, Scalar, State
 from jaxgrity.model.actuation import Gait
-from jaxgrity.model.inertia import mobility
+from jaxgrity.model.inertia import independent_mobility
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene, start_of, with_scales
 from jaxgrity.populations.metrics import Metrics, initial_metrics, updated_metrics
@@ -209,7 +209,7 @@ def in_lanes(scene: Scene, gaits: Gait, differences: Differences | None = None) 
     spread = jax.tree.map(lambda x: jnp.broadcast_to(x[..., None], (*x.shape, lanes)) if x.ndim else x, scene)
     spread = differing(eqx.tree_at(lambda s: s.gait, spread, gaits, is_leaf=lambda x: x is None), differences)
     if spread.structure.needs_mobility:
-        response = over_lanes(mobility, (last_axes(spread.structure),))(spread.structure)
+        response = over_lanes(independent_mobility, (last_axes(spread.structure),))(spread.structure)
         spread = eqx.tree_at(lambda s: s.structure.mobility, spread, response, is_leaf=lambda x: x is None)
     if scene.ground is not None and scene.ground.surface is not None:
         # all robots' alike: its numbers are scalars, or tables to look into, and meet no array of nodes by elements

@@ -157,8 +157,8 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
     def attempt(state):
         """Rounds with one choice of directions: many with those at the start, each with its own thereafter."""
         count, found, _ = state
-        u = jnp.where(count == 0, strut_directions(problem), strut_directions(problem, found.velocity))
-        parts = eliminated(problem, root_mass, u)
+        later = lambda: eliminated(problem, root_mass, strut_directions(problem, found.velocity))  # noqa: E731
+        parts = jax.lax.cond(count == 0, lambda: first, later)
         most = jnp.where(count == 0, TURNING, 1)
 
         def unmet(inner):

@@ -14,7 +14,7 @@ from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
 from jaxgrity.model.body_points import carrying, following, independent_nodes
 from jaxgrity.model.capsules import Capsules
 from jaxgrity.model.ground import ExactGround
-from jaxgrity.model.inertia import mobility
+from jaxgrity.model.inertia import independent_mobility
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
@@ -58,29 +58,36 @@ class Constraints(NamedTuple):
     """m/s, of which tolerances are a share"""
 
 
-def constraints_of(
-    scene: Scene, times: tuple[Scalar, Scalar], state: State, start: NodeVectors, touching: TouchingStruts
-) -> Constraints:
-    """The constraints of a step of size h that ends at t1 (`times`, s), from `state`, q (m) and v (m/s); `start` is w0
-    (m/s) of all nodes.
+class Known(NamedTuple):
+    """What the state at the start of a step says of it; fields of the same name are those of `Constraints`."""
 
-    `touching`: the points of struts that may touch the ground, or each other.
-    """
-    (h, t1), (q, _) = times, state
+    placed: NodeVectors
+    """q, m, with the points that follow others at their places"""
+    contact: Contact | None
+    frame: AnyArray
+    weights: AnyArray | None
+    between: AnyArray | None = None
+    """numbers of the contacts between struts, among those of all pairs; None: there are none"""
+
+
+def constraints_of(scene: Scene, times: tuple[Scalar, Scalar], known: Known, start: NodeVectors) -> Constraints:
+    """The constraints of a step of size h that ends at t1 (`times`, s); `start` is w0 of all nodes, m/s."""
+    (h, t1), dtype = times, start.dtype
     structure, nodes = scene.structure, moving_nodes(scene)
-    own = mobility(structure) if structure.mobility is None else structure.mobility
-    own = own if len(nodes) == len(q) else own[nodes[:, None], nodes]
+    own = independent_mobility(structure) if structure.mobility is None else structure.mobility
     edges, apart, goal = rigid_pairs(scene), None, None
     if edges:
-        apart, goal = edge_vectors(placed_by_bodies(scene, q), edges) / h, rigid_lengths(scene, t1) / h
-    slow = jnp.asarray(SLOW * speed_scale(scene), q.dtype)
+        apart, goal = edge_vectors(known.placed, edges) / h, rigid_lengths(scene, t1) / h
+    slow = jnp.asarray(SLOW * speed_scale(scene), dtype)
     return Constraints(
         own,
         start[nodes],
-        jnp.asarray(_carried(scene, signs_of_ends(scene)), q.dtype),
+        jnp.asarray(signs_of_ends(scene), dtype),
         apart,
         goal,
-        *_contacts(scene, h, state, touching),
+        known.contact,
+        known.frame,
+        known.weights,
         jnp.max(jnp.abs(start)) + slow,
     )
 
@@ -99,29 +106,26 @@ def contact_nodes(scene: Scene) -> np.ndarray:
     return np.arange(len(scene.structure.nodes)) if ground.balls is None else np.array(ground.balls.nodes)
 
 
-def placed_by_bodies(scene: Scene, q: NodeVectors) -> NodeVectors:
-    """q, m, with the points that follow others at their places."""
-    return following(scene.structure.bodies, q) if scene.structure.bodies else q
-
-
-def velocities_of_all(scene: Scene, h: Scalar, q: NodeVectors, w: NodeVectors) -> NodeVectors:
+def velocities_of_all(scene: Scene, h: Scalar, q: NodeVectors, placed: NodeVectors, w: NodeVectors) -> NodeVectors:
     """m/s, in a step of h (s) from q (m), of all nodes, from those of the independent ones.
 
-    What follows the basic points of a body is led back to its place, so that roundings do not add up.
+    What follows the basic points of a body is led back to its place (`Known.placed`), so that roundings do not add up.
     """
-    bodies, nodes = scene.structure.bodies, moving_nodes(scene)
+    nodes = moving_nodes(scene)
     if len(nodes) == len(q):
         return w
-    w = place_rows(w, tuple(nodes.tolist()), len(q))
-    return following(bodies, w) + (following(bodies, q) - q) / h
+    return following(scene.structure.bodies, place_rows(w, tuple(nodes.tolist()), len(q))) + (placed - q) / h
 
 
-def signs_of_ends(scene: Scene) -> np.ndarray:
-    """(struts, all nodes): 1 and -1 at the ends of what keeps its length."""
+def signs_of_ends(scene: Scene) -> AnyArray:
+    """(struts, nodes): by how much each independent node moves the first end of what keeps its length against the
+    second: 1 and -1 at the ends."""
     edges = np.array(rigid_pairs(scene), int).reshape(-1, 2)
     signs, rows = np.zeros((len(edges), len(scene.structure.nodes))), np.arange(len(edges))
     signs[rows, edges[:, 0]], signs[rows, edges[:, 1]] = 1, -1
-    return signs
+    kept = signs[:, moving_nodes(scene)]
+    # most join independent nodes alone, and then need no product of matrices in every step
+    return kept if np.count_nonzero(kept) == 2 * len(edges) else _carried(scene, signs)
 
 
 def _carried(scene: Scene, weights: AnyArray) -> AnyArray:
@@ -131,11 +135,13 @@ def _carried(scene: Scene, weights: AnyArray) -> AnyArray:
     return weights @ carrying(scene.structure.bodies, weights.shape[-1])
 
 
-def _contacts(
-    scene: Scene, h: Scalar, state: State, touching: TouchingStruts
-) -> tuple[Contact | None, AnyArray, AnyArray | None]:
-    """Contacts, frames and weights."""
+def known_at(scene: Scene, h: Scalar, state: State, touching: TouchingStruts) -> Known:
+    """What is known of a step of h (s) from `state`, q (m) and v (m/s).
+
+    `touching`: the points of struts that may touch the ground, or each other.
+    """
     q, v = state
+    placed = following(scene.structure.bodies, q) if scene.structure.bodies else q
     ground, structure, rows = exact_ground(scene), scene.structure, contact_nodes(scene)
     speed, size = speed_scale(scene), length_scale(scene)
     # velocities are compared with it that are multiplied by roots of masses
@@ -153,7 +159,7 @@ def _contacts(
     columns = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), (len(rows), 3)) for axis in (axes.normal, *axes.tangents)]
     frame: AnyArray = jnp.stack(columns, axis=1)
     if contact is not None and len(moving_nodes(scene)) < len(q):
-        back = ((placed_by_bodies(scene, q) - q) / h)[rows]
+        back = ((placed - q) / h)[rows]
         contact = contact._replace(closing=contact.closing - jnp.sum(frame[:, 0] * back, axis=1))
     weights = _weights_of_nodes(scene, q, frame)
     if contact is not None and touching.ground is not None:
@@ -161,7 +167,8 @@ def _contacts(
     if touching.each_other is not None:
         contact = Contact(jnp.zeros(0, q.dtype), None, None, least) if contact is None else contact
         contact, frame, weights = _and_between(scene, h, touching.each_other, contact, frame, weights)
-    return contact, frame, weights
+    between = None if touching.each_other is None else touching.each_other.rows
+    return Known(placed, contact, frame, weights, between)
 
 
 def _weights_of_nodes(scene: Scene, q: NodeVectors, frame: AnyArray) -> AnyArray | None:
@@ -170,7 +177,7 @@ def _weights_of_nodes(scene: Scene, q: NodeVectors, frame: AnyArray) -> AnyArray
     balls = None if ground is None else ground.balls
     if balls is None and np.array_equal(rows, nodes):
         return None
-    own = jnp.asarray(_carried(scene, np.eye(len(q), dtype=q.dtype)[rows]), q.dtype)
+    own = jnp.asarray(carrying(scene.structure.bodies, len(q)), q.dtype)[rows]
     if balls is None:
         return jnp.stack([own] * 3, axis=1)
     # basic points are independent

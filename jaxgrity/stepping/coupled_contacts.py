@@ -87,7 +87,9 @@ def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
     def unsolved(state):
         best, _, count = state
         # Newton's method aims at `tolerance`; a further round is worth its cost beyond `enough` alone
-        return (best.error > jnp.where(count == 0, problem.tolerance, problem.enough)) & (count <= ROUNDS)
+        missed = best.error > jnp.where(count == 0, problem.tolerance, problem.enough)
+        # of a motion that is lost, whose numbers are not finite, no round makes one
+        return missed & (count <= jnp.where((count > 0) & ~jnp.isfinite(best.error), 0, ROUNDS))
 
     def again(state):
         best, splitting, count = state

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.primitives import accumulate, inverse
-from jaxgrity.core.types import MemberVectors, NodeVectors, Scalar, State
+from jaxgrity.core.types import MemberVectors, NodeVectors, Scalar
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import speed_scale
 from jaxgrity.model.scene import Scene
@@ -35,8 +35,10 @@ from jaxgrity.stepping.constraints import GroundImpulses
 from jaxgrity.stepping.coupled import Impulses, solve_step
 from jaxgrity.stepping.coupled_constraints import (
     Constraints,
+    Known,
     constraints_of,
     contact_nodes,
+    known_at,
     moving_nodes,
     velocities_of_all,
 )
@@ -69,32 +71,32 @@ class StepImpulses(NamedTuple):
 def coupled_impulses(
     scene: Scene,
     times: tuple[Scalar, Scalar],
-    state: State,
+    q: NodeVectors,
+    known: Known,
     start: NodeVectors,
     near: NodeVectors,
     last: GroundImpulses,
-    touching: TouchingStruts,
 ) -> StepImpulses:
-    """Solve the step of `times` (its size h and its end, s) from `state` (q, m, and v, m/s).
+    """Solve the step of `times` (its size h and its end, s) from `q`, m.
 
-    `start`: the velocities by forces alone; `near`: some near the solution; `last`: the ground's impulses of the last
-    step; `touching`: points of struts that may touch the ground, or each other.
+    `known`: see `known_at`; `start`: the velocities by forces alone; `near`: some near the solution; `last`: the
+    ground's impulses of the last step.
     """
-    (h, _), (q, _) = times, state
+    h, _ = times
     mass, rows, nodes = scene.structure.borne_mass, contact_nodes(scene), moving_nodes(scene)
-    constraints = constraints_of(scene, times, state, start, touching)
+    constraints = constraints_of(scene, times, known, start)
     guess = jnp.stack([last.normal, *last.tangential], axis=1) * mass[:, None]
     guesses, along, struts = [guess[rows]], None, None
     if last.along_struts is not None:
         guesses.append(last.along_struts)
-    if touching.each_other is not None:
-        guesses.append(last.between_struts[touching.each_other.rows])
+    if known.between is not None:
+        guesses.append(last.between_struts[known.between])
     found = _solved(constraints, separate_parts(scene), jnp.concatenate(guesses), near[nodes])
     at_nodes, *others = jnp.split(found.ground, np.cumsum([len(each) for each in guesses])[:-1])
     if last.along_struts is not None:
         along = others[0]
-    if touching.each_other is not None:
-        struts = jnp.zeros_like(last.between_struts).at[touching.each_other.rows].set(others[-1])
+    if known.between is not None:
+        struts = jnp.zeros_like(last.between_struts).at[known.between].set(others[-1])
     exerted = at_nodes if len(rows) == len(q) else jnp.zeros_like(q).at[rows].set(at_nodes)
     p = exerted * inverse(mass)[:, None]
     off: Scalar = jnp.zeros_like(found.error)
@@ -103,7 +105,7 @@ def coupled_impulses(
         off = h * jnp.max(jnp.abs(lengths_after(constraints, found.velocity) - constraints.goal))
         pulls = accumulate(found.struts, rigid_pairs(scene), len(q))
     impulses = GroundImpulses(p[:, 0], (p[:, 1], p[:, 2]), along, struts)
-    w = velocities_of_all(scene, h, q, found.velocity)
+    w = velocities_of_all(scene, h, q, known.placed, found.velocity)
     return StepImpulses(w, impulses, pulls, found.error, found.stretch, off)
 
 
@@ -146,19 +148,28 @@ class CoupledImpulses(Complementarity):
     def velocity_after_impulses(self, field, ends, start, scene, memory):
         (q, v), (t0, t1) = start, ends
         h, (kick, acting) = t1 - t0, kick_of(scene, ends, memory)
-        solve = self.lift(coupled_impulses, ("s", None, -1, -1, -1, -1, -1))
+        solve = self.lift(coupled_impulses, ("s", None, *[-1] * 5))
         touching = TouchingStruts()
         if capsules_of(scene) is not None or points_between(scene):
             touching = self.lift(touching_struts, ("s", None, -1))(scene, h, start)
-        _, a = field(t0, start, acting)
-        free = self._carried(scene, t0, t1, v + kick * a)
-        # robots that rest or slide need nearly the impulses of their last step: Newton's method begins there
-        found = solve(scene, (h, t1), start, free, free, memory.impulses, touching)
-        if scene.dissipates:
-            # dampers act at the mean velocity of the step, which the first solution predicts: that is of second order
-            _, a = field(t0, (q, (v + found.velocity) / 2), acting)
+        known = self.lift(known_at, ("s", None, -1, -1))(scene, h, start, touching)
+
+        def solved(carry, first):
+            """The step with dampers at the mean of its first and last velocities, as far as these are known."""
+            before, impulses = carry
+            _, a = field(t0, (q, (v + before) / 2), acting)
             free = self._carried(scene, t0, t1, v + kick * a)
-            found = solve(scene, (h, t1), start, free, found.velocity, found.impulses, touching)
+            found = solve(scene, (h, t1), q, known, free, jnp.where(first, free, before), impulses)
+            return (found.velocity, found.impulses), found
+
+        # robots that rest or slide need nearly the impulses of their last step: Newton's method begins there
+        before = (v, memory.impulses)
+        if scene.dissipates:
+            # the first solution predicts the velocity, which is of second order. A loop, since to compile the solver
+            # twice takes twice as long
+            found = jax.tree.map(lambda x: x[-1], jax.lax.scan(solved, before, np.array([True, False]))[1])
+        else:
+            found = solved(before, True)[1]
         fastest = LARGEST_SPEED_ERROR * speed_scale(scene)
         met = (found.stretch <= LARGEST_LENGTH_ERROR) & (found.error <= fastest)
         if self.tolerance is not None:

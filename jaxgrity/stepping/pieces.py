@@ -99,7 +99,7 @@ def in_pieces(
 ) -> tuple[State, AnyArray, int]:
     """The frames (q, v) of a long motion at these times (s) from 0 on, its failure code and its number of steps."""
     times, nodes = np.asarray(times, options.dtype), len(start[0])
-    steps, carried = _begun(scene, start, times[-1], options)
+    scene, steps, carried = _begun(scene, start, times[-1], options)
     steps = jax.tree.map(np.asarray, steps)
     end, number = times[-1], int(steps.number)
     failure: AnyArray = jnp.zeros((), int)
@@ -115,8 +115,7 @@ def in_pieces(
         last = int(np.searchsorted(times, ends[1], side="right"))
         saved = with_room(np.concatenate([ends[:1], times[seen:last], ends[1:]]), nodes)
         piece = replace(steps, done=np.asarray(done, np.int32))
-        state = (piece, carried, start[1])
-        found, carried, failure, count = _piece(scene, state, saved, np.asarray(last - seen + 1), options)
+        found, carried, failure, count = _piece(scene, (piece, carried), saved, options)
         for whole, part in zip(motion, found, strict=True):
             whole[seen:last] = np.asarray(part)[1 : 1 + last - seen]
         taken = int(count)
@@ -124,6 +123,12 @@ def in_pieces(
         if done < until:  # the method gave up
             break
         size = int(taken * np.clip(SPAN / (time.perf_counter() - began), 0.25, 2.0))
+    moved = options.method.constrained or scene.shaking is not None
+    for first in range(0, seen if moved else 0, room):
+        rows = slice(first, min(first + room, seen))
+        frames = tuple(with_room(x[rows], nodes) for x in (times, *motion))
+        kept = _velocities(scene, steps, start[1], frames, np.asarray(rows.stop - first), options)
+        motion[1][rows] = np.asarray(kept)[: rows.stop - first]
     on_progress(float(end), float(end))
     return motion, failure, done
 
@@ -150,34 +155,46 @@ def seconds_since_midstep(times: Times, begin: Scalar, h: Scalar, v: NodeVectors
 
 
 @eqx.filter_jit
-def _begun(scene: Scene, start: State, end: AnyArray, options: ResolvedOptions) -> tuple[EvenSteps, Carried]:
-    """The steps of a motion from 0 to `end`, s, none of them taken, and the carry at its start."""
+def _begun(scene: Scene, start: State, end: AnyArray, options: ResolvedOptions) -> tuple[Scene, EvenSteps, Carried]:
+    """The scene with what is computed once, the steps of a motion from 0 to `end`, s, none of them taken, and the carry
+    at its start."""
     h, zero = jnp.asarray(options.dt, options.dtype), jnp.zeros((), options.dtype)
     h = jnp.asarray(even_step(h, end)) if options.method.constrained else h
-    carried = carried_at(discretise(options), with_scales_and_mobility(scene), zero, h, start)
+    scene = with_scales_and_mobility(scene)
+    carried = carried_at(discretise(options), scene, zero, h, start)
     number = jnp.ceil(end / jnp.nextafter(h, jnp.inf)).astype(jnp.int32)
-    return EvenSteps(jnp.zeros((), jnp.int32), number, h, end), carried
+    return scene, EvenSteps(jnp.zeros((), jnp.int32), number, h, end), carried
 
 
 @eqx.filter_jit
 def _piece(
-    scene: Scene,
-    state: tuple[EvenSteps, Carried, NodeVectors],
-    times: Times,
-    frames: AnyArray,
-    options: ResolvedOptions,
+    scene: Scene, state: tuple[EvenSteps, Carried], times: Times, options: ResolvedOptions
 ) -> tuple[State, Carried, AnyArray, AnyArray]:
-    """Frames (q, v) at these times (s), of which the first `frames` differ; the carry, failure code and steps then.
+    """What the method has, (q, w), at these times (s); the carry, failure code and steps then.
 
-    The state has the motion's steps from here on, its carry, and its velocities at the very start.
+    The state has the motion's steps from here on, and its carry.
     """
-    steps, carried, v = state
+    steps, carried = state
     saveat = diffrax.SaveAt(ts=jnp.asarray(times), t1=True, solver_state=True)
     solution = integrate(carried.motion, times, scene, options, saveat, part=(steps, carried.memory))
     q, w = (x[:-1] for x in solution.ys)  # type: ignore[union-attr]
-    since = None
-    if options.method.constrained:
-        since = seconds_since_midstep(times, 0 * steps.end, steps.end / steps.number, v)
     failure = failure_code(solution.result, state_failure(scene, q[-1], w[-1]))
     carried = Carried(jax.tree.map(lambda x: x[-1], solution.ys), solution.solver_state)
-    return (q, at_frames(scene, times, (q, w), since, frames)), carried, failure, solution.stats["num_accepted_steps"]
+    return (q, w), carried, failure, solution.stats["num_accepted_steps"]
+
+
+@eqx.filter_jit
+def _velocities(
+    scene: Scene,
+    steps: EvenSteps,
+    begun: NodeVectors,
+    frames: tuple[Times, NodeHistory, NodeHistory],
+    count: AnyArray,
+    options: ResolvedOptions,
+) -> NodeHistory:
+    """`at_frames` of `frames` (times, q, w), of which the first `count` differ, of a motion that starts with the
+    velocities `begun`, m/s. Not piece by piece: a few frames cost as much as many."""
+    (times, q, w), since = frames, None
+    if options.method.constrained:
+        since = seconds_since_midstep(times, 0 * steps.end, steps.end / steps.number, begun)
+    return at_frames(scene, times, (q, w), since, count)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from jaxgrity.core.primitives import accumulate, dot, edge_vectors, scale
 from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, Scalar, State
-from jaxgrity.model.inertia import accelerations, mobility
+from jaxgrity.model.inertia import accelerations, independent_mobility
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
@@ -64,7 +64,7 @@ def _multipliers(scene: Scene, d: NodeVectors, wanted: PerMember) -> PerMember:
     """lambda, N/m, with J M^-1 J^T lambda = `wanted`; one of several solutions for dependent constraints."""
     structure, signs = scene.structure, signs_of_ends(scene).astype(d.dtype)
     if structure.needs_mobility:
-        own: AnyArray = mobility(structure) if structure.mobility is None else structure.mobility
+        own: AnyArray = independent_mobility(structure) if structure.mobility is None else structure.mobility
         response: AnyArray = jnp.einsum("ei,ijk,fj,ek,fk->ef", signs, own, signs, d, d)
     else:
         response = (signs / structure.node_mass) @ signs.T * (d @ d.T)

@@ -7,10 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Count, Scalar, Times
 from jaxgrity.model.actuation import Gait
+from jaxgrity.model.body_points import independent_nodes
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.populations.lanes import lanes_last, roll_out_lanes
 from jaxgrity.populations.uncertainty import Differences
@@ -111,12 +113,20 @@ def _com_jacobian_of_one(scene: Scene, duration: Scalar, options: ResolvedOption
 
 def _free(scene: Scene, own: AnyArray) -> AnyArray:
     """1 of what can vary: not the velocities of supports; else 0."""
-    return jnp.ones_like(own) if scene.gait is not None else jnp.asarray(scene.structure.free, own.dtype)
+    if scene.gait is not None:
+        return jnp.ones_like(own)
+    return jnp.asarray(scene.structure.free[np.array(_independent(scene))], own.dtype)
 
 
 def _varied(scene: Scene) -> AnyArray:
-    """What the scene itself says of what is varied."""
-    return jnp.zeros_like(scene.structure.nodes) if scene.gait is None else scene.gait.phase
+    """What the scene itself says of what is varied: phases, or velocities of the nodes that follow no others."""
+    if scene.gait is not None:
+        return scene.gait.phase
+    return jnp.zeros((len(_independent(scene)), 3), scene.structure.nodes.dtype)
+
+
+def _independent(scene: Scene) -> tuple[int, ...]:
+    return independent_nodes(scene.structure.bodies, len(scene.structure.nodes))
 
 
 def _paths(
@@ -128,7 +138,8 @@ def _paths(
     if scene.gait is None:
         nothing = jnp.zeros((0, lanes))
         gaits = Gait((), nothing, nothing, nothing)
-        differences = lanes_last(Differences(velocities=jnp.moveaxis(varied, -1, 0)))
+        of_all = place_rows(varied, _independent(scene), len(scene.structure.nodes))
+        differences = lanes_last(Differences(velocities=jnp.moveaxis(of_all, -1, 0)))
     else:
         gaits = eqx.tree_at(lambda g: g.phase, jax.tree.map(spread, scene.gait), varied)
     return roll_out_lanes(scene, gaits, differences, duration, options, parts=parts).com_path

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import Members, Scene, Sensitivity, SolverOptions, Structure, gaits_of, sensitivity, simulate_population
+from jaxgrity.model import rigid_body
 
 OPTIONS = SolverOptions(dt=1e-3)
 
@@ -34,3 +35,15 @@ def test_supports_are_not_disturbed():
     scene = Scene(Structure([[0.0, 0, 0], [0, 0, -1.0]], [3.0, 1.0], struts=members, fixed=((0, "xyz"),)))
     found = sensitivity(scene, 1.0, options=SolverOptions("rk4", dt=1e-3))
     np.testing.assert_allclose(found.norm, found.times / 4, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_points_that_follow_a_body_are_not_disturbed():
+    """A free body of four basic points and one that follows: its centre drifts as the basic points' shares of its mass
+    say, since impulses within it keep its momentum."""
+    nodes = np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.4, 0], [0.1, 0.1, 0.2], [0, 0, 0.6]])
+    body = rigid_body(nodes, range(5), 2.0, [0.05, 0.05, 0.04])
+    scene = Scene(Structure(nodes, np.zeros(5), bodies=(body,)))
+    found = sensitivity(scene, 0.2, options=SolverOptions(dt=5e-3))
+    shares = np.asarray(body.matrix).sum(0) / 2.0
+    np.testing.assert_allclose(found.norm, found.times * np.linalg.norm(shares), rtol=1e-9, atol=1e-12)
