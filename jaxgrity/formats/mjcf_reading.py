@@ -57,8 +57,8 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
         path: the file (.xml), which MuJoCo itself reads.
         drop: parts that you let go, any of "contact", "radius", "friction", "limits", "damping", "actuators", "air"
             and "forces".
-        keyframe: name of the keyframe in which the robot starts, at rest. Without it, bodies start where the model
-            places them.
+        keyframe: name of the keyframe in which the robot starts, at rest, with its controls. Without it, bodies start
+            where the model places them, and controls are 0.
 
     Returns:
         The scene, with gravity, the plane and its friction where the model has them, and what was read how.
@@ -143,7 +143,6 @@ def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:
         mujoco.mj_resetDataKeyframe(model, data, names.index(keyframe))
         if np.any(data.qvel):
             losses.note(f"keyframe {keyframe}: its bodies move there; here they start at rest")
-        data.ctrl[:] = data.act[:] = 0
     elif names:
         losses.note(f"{len(names)} keyframes are not read, and bodies start where they are placed: {some_of(names)}")
     mujoco.mj_forward(model, data)

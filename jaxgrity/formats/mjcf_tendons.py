@@ -32,7 +32,8 @@ class Spring(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """What an actuator makes of its tendon, where its control is 0, or the nearest to 0 that it may be."""
+    """What an actuator makes of its tendon at the start's control (0 without a keyframe), or the nearest that it may
+    have."""
 
     kind: str
     stiffness: float
@@ -68,7 +69,10 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
             spring = Spring(name, kind, path, K, float(high), c, (less, more))
             found.append(spring if low in (0, high) else pushing_cable(spring, float(high - low)))
     if not any(spring.stiffness for spring in found):
-        raise InputError("no tendon has a spring, nor an actuator that is one; expected some that pull at control 0")
+        raise InputError(
+            "no tendon has a spring, nor a servo that is one at the start's controls; expected stiffness and "
+            "springlength, or a servo with a rest length (position, general)"
+        )
     if idle:
         losses.note(f"{len(idle)} tendons without a spring are left out: {some_of(idle)}")
     if any(spring.kind == "cable" and spring.damping for spring in found):
@@ -117,8 +121,8 @@ def _actuators(model: Any, data: Any, losses: Losses) -> tuple[dict[int, Driven]
             continue
         tendon = int(model.actuator_trnid[a, 0])
         name = name_of(model, "actuator", a)
-        spring = _spring(model, a)
-        if _is_still(model, a):
+        spring = _spring(model, data, a)
+        if _is_still(model, a) and not _input(model, data, a):
             still.append(name)
             if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON:
                 low, high = pulled.get(tendon, (0.0, 0.0))
@@ -126,12 +130,12 @@ def _actuators(model: Any, data: Any, losses: Losses) -> tuple[dict[int, Driven]
                 pulled[tendon] = (low + more[0], high + more[1])
             continue
         if spring is None or tendon in found:
-            losses.lose("actuators", f"actuator {name}: no spring of a tendon that has a rest length at control 0")
+            losses.lose("actuators", f"actuator {name}: {_why_not(model, data, a)}")
             continue
         found[tendon] = spring
         _beside(model, data, a, name, losses)
     if still:
-        losses.note(f"{len(still)} actuators have no force at control 0, and are left out: {some_of(still)}")
+        losses.note(f"{len(still)} actuators have no force at the start's controls, and are left out: {some_of(still)}")
     if found:
         losses.note(f"{len(found)} actuators are springs whose rest length their control changes; the gait is not read")
     return found, pulled
@@ -146,7 +150,27 @@ def _is_still(model: Any, a: int) -> bool:
     return bool(fixed and free and low <= 0 <= high and model.actuator_dyntype[a] in [int(kind) for kind in lags])
 
 
-def _spring(model: Any, a: int) -> Driven | None:
+def _input(model: Any, data: Any, a: int) -> float:
+    """The control of an actuator at the start, or its activation where it integrates controls. MuJoCo clips both."""
+    if model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_INTEGRATOR:
+        u = float(data.act[model.actuator_actadr[a]])
+    else:
+        u = float(data.ctrl[a])
+        u = float(np.clip(u, *model.actuator_ctrlrange[a])) if model.actuator_ctrllimited[a] else u
+    return float(np.clip(u, *model.actuator_actrange[a])) if model.actuator_actlimited[a] else u
+
+
+def _why_not(model: Any, data: Any, a: int) -> str:
+    """Why an actuator is no spring here, and what may help."""
+    servo = model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON and model.actuator_biasprm[a, 1] < 0
+    if servo and not model.actuator_ctrllimited[a] and not _input(model, data, a):
+        return "has the rest length 0 at control 0; expected a ctrlrange above 0, or a keyframe with its control"
+    if _is_still(model, a):
+        return f"has a force of its own at its control {_input(model, data, a):g} in the keyframe"
+    return "no spring of a tendon that has a rest length at its control in the start"
+
+
+def _spring(model: Any, data: Any, a: int) -> Driven | None:
     """The force gain u + b0 + b1 l + b2 l' as K (L - l) - c l' with K = -b1 and L = (b0 + gain u)/K."""
     gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
     of_tendon = model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON and model.actuator_gear[a, 0] == 1
@@ -155,10 +179,7 @@ def _spring(model: Any, a: int) -> Driven | None:
     K = float(-bias[1])
     if not (of_tendon and fixed and affine) or K <= 0 or bias[2] > 0:
         return None
-    # MuJoCo clips controls to their range, so 0 may be out of reach
-    u = float(np.clip(0.0, *model.actuator_ctrlrange[a])) if model.actuator_ctrllimited[a] else 0.0
-    u = float(np.clip(u, *model.actuator_actrange[a])) if model.actuator_actlimited[a] else u
-    rest = float(bias[0] + gain[0] * u) / K
+    rest = float(bias[0] + gain[0] * _input(model, data, a)) / K
     # a tendon pulls where its force is negative
     pulls = model.actuator_forcelimited[a] and model.actuator_forcerange[a, 1] <= 0
     ends = sorted(

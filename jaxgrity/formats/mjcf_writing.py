@@ -13,6 +13,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
 from jaxgrity.formats.foreign import add_element
 from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, joints_between, links_of
+from jaxgrity.formats.mjcf_losses import contact_spring
 from jaxgrity.formats.mjcf_plan import Plan, amplitudes, plan_of
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.clusters import cables_of, nodes_along
@@ -115,7 +116,9 @@ def _ground(world: ElementTree.Element, scene: Scene, radius: float) -> list[str
     n = scene.ground.normal
     at = [-radius * axis for axis in n]
     flags = {"contype": 0, "conaffinity": 1, "priority": 1, "friction": [mu, 0.0, 0.0]}
-    add_element(world, "geom", name="ground", type="plane", size=[0, 0, 1], zaxis=list(n), pos=at, **flags)
+    bounce = getattr(scene.ground, "restitution", None)
+    spring = {} if bounce is None else {"solref": contact_spring(float(bounce))}
+    add_element(world, "geom", name="ground", type="plane", size=[0, 0, 1], zaxis=list(n), pos=at, **flags, **spring)
     differ = scene.friction is not None and np.ptp(scene.friction.sliding_mu) > 0
     which = "the largest of the nodes' friction coefficients" if differ else "the friction coefficient of the scene"
     return [f"contact is MuJoCo's own: soft, with its default stiffness, and with {which}"]

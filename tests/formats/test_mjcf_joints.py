@@ -115,7 +115,7 @@ def test_actuators_without_force_are_named(tmp_path):
     motor = '<actuator><motor name="m" tendon="t" ctrlrange="-5 0" ctrllimited="true"/></actuator>'
     text = model(body(), last=motor).replace("<spatial ", '<spatial name="t" ')
     scene, notes = found(tmp_path, text)
-    assert "1 actuators have no force at control 0, and are left out: m" in notes
+    assert "1 actuators have no force at the start's controls, and are left out: m" in notes
     assert "controls change the rest lengths of 1 members by -25% to 0%: [gait] members = [0]" in notes, "5 N by 50 N/m"
     np.testing.assert_array_equal(scene.structure.cables.stiffness, [50])
     two = text.replace("</actuator>", '<motor tendon="t" ctrlrange="-5 0" ctrllimited="true"/></actuator>')

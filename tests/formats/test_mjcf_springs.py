@@ -43,9 +43,14 @@ def found(folder, text, **how):
 
 
 def moved(text, steps):
-    """Places of the sites, m, and the lengths of tendons, m, (steps, tendons), along a motion of MuJoCo."""
+    """Places of the sites, m, and the lengths of tendons, m, (steps, tendons), along a motion of MuJoCo.
+
+    It starts in the model's keyframe, if there is one, and keeps the controls of that.
+    """
     there = mujoco.MjModel.from_xml_string(text)
     data, lengths = mujoco.MjData(there), []
+    if there.nkey:
+        mujoco.mj_resetDataKeyframe(there, data, 0)
     mujoco.mj_forward(there, data)
     start = data.site_xpos.copy()
     for _ in range(steps):
@@ -148,7 +153,9 @@ def test_a_limit_that_is_reached_is_refused_with_what_to_write(tmp_path):
     with pytest.raises(InputError, match=said):
         found(tmp_path, text.format(3))
     notes = found(tmp_path, text.format(9)).notes
-    assert any("9 m there, not reached within 0.5 s without controls, and not at all here" in note for note in notes)
+    assert any(
+        "9 m there, not reached within 0.5 s at constant controls, and not at all here" in note for note in notes
+    )
 
 
 def test_cables_that_a_gait_moves_keep_their_dampers(reference, tmp_path):
@@ -170,3 +177,37 @@ def test_cables_that_a_gait_moves_keep_their_dampers(reference, tmp_path):
     again = read_mjcf(tmp_path / "robot.xml").scene
     assert len(again.structure.struts.edges) == 7  # the first cable pushes and pulls
     np.testing.assert_array_equal(again.terms[1].damping, [1, 2, 3 + 8, *range(4, 24)])
+
+
+SERVOS = """<actuator><position name="s0" tendon="t0" kp="60" kv="1"/>
+<position name="s1" tendon="t1" kp="80" forcelimited="true" forcerange="-900 0"/>
+<intvelocity name="s2" tendon="t2" kp="50" actrange="0.2 1.5"/></actuator>"""
+KEY = '<keyframe><key name="up" qpos="0 0 0 0.1 -0.1 0.2" ctrl="0.9 0.4 0" act="0.7"/></keyframe>'
+
+
+def test_servos_have_the_rest_lengths_of_a_keyframe(tmp_path):
+    """Plain `position` servos at the keyframe's controls, one that integrates them at its activation: as in MuJoCo."""
+    text = model(POINT, [("a0 b0", ""), ("w a0", ""), ("w b0", "")])
+    text = text.replace("</mujoco>", f"{SERVOS}{KEY}</mujoco>")
+    scene, notes = found(tmp_path, text, keyframe="up")
+    structure = scene.structure
+    rest = {k: float(L) for members in structure.members for k, L in zip(members.stiffness, members.rest_length)}
+    assert rest == pytest.approx({60.0: 0.9, 80.0: 0.4, 50.0: 0.7})
+    error, _ = largest_error(scene, ends(scene, SolverOptions(method="dopri8")), text)
+    assert error < 1e-9
+    assert not any("are left out" in note for note in notes)
+
+
+def test_controls_of_a_keyframe_that_are_forces_are_refused(tmp_path):
+    """A motor's constant force has no counterpart, and a servo without a control says what it lacks."""
+    springs = [("a0 b0", PULLING), ("w a0", PULLING)]
+    motor = '<actuator><motor name="m" tendon="t0" ctrlrange="-9 9"/></actuator>'
+    key = '<keyframe><key name="up" ctrl="-3"/></keyframe></mujoco>'
+    text = model(POINT, springs).replace("</mujoco>", motor + key)
+    assert "1 actuators have no force at the start's controls, and are left out: m" in found(tmp_path, text).notes
+    with pytest.raises(InputError, match="actuator m: has a force of its own at its control -3 in the keyframe, which"):
+        found(tmp_path, text, keyframe="up")
+    servo = '<actuator><position name="p" tendon="t1" kp="9"/></actuator></mujoco>'
+    text = model(POINT, [*springs[1:], ("a0 b0", "")]).replace("</mujoco>", servo)
+    with pytest.raises(InputError, match="actuator p: has the rest length 0 at control 0; expected a ctrlrange above"):
+        found(tmp_path, text)
