@@ -19,7 +19,7 @@ from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, outer_joints, 
 from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, name_of
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
 from jaxgrity.formats.mjcf_tendons import Spring, drag_of_sites, pushing_cable, springs_of, with_dampers_beside
-from jaxgrity.formats.mjcf_text import mjcf_text, with_element_line
+from jaxgrity.formats.mjcf_text import mjcf_text, with_element_lines
 from jaxgrity.model.force_laws import cable_dampers, dead_band
 from jaxgrity.model.laws import Law
 from jaxgrity.model.scene import Scene
@@ -78,7 +78,7 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
         with Losses(drop, DROPPABLE, []) as losses:
             return _imported(mujoco.MjModel.from_xml_string(text), losses, keyframe)
     except (ValueError, RuntimeError) as error:  # InputError is a ValueError; MuJoCo raises both
-        raise InputError(f"{path}: {with_element_line(' '.join(str(error).split()), text)}") from error
+        raise InputError(f"{path}: {with_element_lines(' '.join(str(error).split()), text)}") from error
 
 
 def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:

@@ -11,7 +11,7 @@ from scipy.linalg import block_diag, eigh
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
-from jaxgrity.formats.foreign import add_element
+from jaxgrity.formats.foreign import add_element, has_strength
 from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, joints_between, links_of
 from jaxgrity.formats.mjcf_losses import contact_spring
 from jaxgrity.formats.mjcf_plan import Plan, amplitudes, plan_of
@@ -101,8 +101,10 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     _drag_on_bodies(root, {node: drag[node] for node in sorted(in_bodies) if drag[node]})
     ElementTree.indent(root)
     others = [term for term in scene.terms if not isinstance(term, DeadBand | CableDampers)]
-    notes += ["laws that have no counterpart in MuJoCo are left out"] if others else []
+    names = ", ".join(term.name for term in others)
+    notes += [f"laws that have no counterpart in MuJoCo are left out: {names}"] if others else []
     notes += ["load cases are left out"] if scene.loads else []
+    notes += ["strength of members is left out"] if has_strength(scene.structure) else []
     notes += ["supports do not move there"] if scene.shaking is not None else []
     return MuJoCoModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes), plan.actuated)
 

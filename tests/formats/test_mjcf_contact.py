@@ -266,6 +266,29 @@ def test_another_motion_is_refused_unless_it_may_be(text, kind, reason, read):
     assert any(note.startswith("dropped: ") and reason in note for note in found.notes)
 
 
+LINES = {
+    "air": ("<option", '<option density="1.2"', "line 1: air of 1.2 kg/m^3"),
+    "gravity": ("<option", '<option gravity="1 0 -9"', "line 1: gravity is [1.0, 0.0, -9.0] m/s^2; expected"),
+    "flags": ("<worldbody>", '\n<option><flag spring="disable"/></option><worldbody>', "line 2: option flag spring is"),
+    "the plane": (FLOOR, FLOOR + ' euler="20 0 0"', "line 2: the plane's normal is [0.0, "),
+    "bodies": (ROD, ROD + BALL.replace("SIZE", "0.2").replace("MASKS", MEETING), "line 2: bodies rod0 and rod1 touch"),
+    "an equality": (
+        "</mujoco>",
+        '\n<equality><tendon name="e" tendon1="c0"/></equality></mujoco>',
+        f"line {2 + prism().count(chr(10))}: equality e: a tendon is not read; expected connect or weld",
+    ),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "said"), LINES.values(), ids=LINES)
+def test_refusals_name_the_line(old, new, said, read):
+    """Of elements without a name, too."""
+    text = prism(geoms=new) if old == ROD else prism().replace(old, new, 1)
+    with pytest.raises(InputError) as caught:
+        read(text)
+    assert f"robot.xml: {said}" in str(caught.value)
+
+
 def test_what_has_no_effect_is_a_note(read):
     """Lags, keyframes, bodies that are not joined, damping while slack."""
     spring = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" {more}/>'
