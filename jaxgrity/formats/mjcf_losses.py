@@ -81,7 +81,7 @@ def _joints(model: Any, losses: Losses) -> None:
     for kind, values, what in (
         ("damping", _with_terms(model, "dof_damping") * turns, "damping, and is no slide"),
         ("damping", _terms(model, "dof_dampingpoly") * ~turns, "damping that is not in proportion to speed"),
-        ("friction", model.dof_frictionloss, "dry friction (frictionloss)"),
+        ("friction", _dry(model, model.dof_frictionloss), "dry friction (frictionloss)"),
         ("forces", model.dof_armature, "armature"),
         ("forces", _with_terms(model, "jnt_stiffness")[model.dof_jntid] if model.nv else np.zeros(0), "a spring"),
     ):
@@ -90,10 +90,15 @@ def _joints(model: Any, losses: Losses) -> None:
             losses.lose(kind, f"body {name_of(model, 'body', int(model.jnt_bodyid[joint]))}: its joint has {what}")
 
 
+def _dry(model: Any, losses: np.ndarray) -> np.ndarray:
+    """Dry friction, unless the model disables all of it."""
+    return losses * (not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS))
+
+
 def _tendons(model: Any, losses: Losses) -> None:
     for kind, values, what in (
         ("limits", model.tendon_actfrclimited, "a limited force of its actuators"),
-        ("friction", model.tendon_frictionloss, "dry friction (frictionloss)"),
+        ("friction", _dry(model, model.tendon_frictionloss), "dry friction (frictionloss)"),
         ("forces", getattr(model, "tendon_armature", np.zeros(model.ntendon)), "armature"),
         ("forces", _terms(model, "tendon_stiffnesspoly"), "a spring that is not linear"),
         ("damping", _terms(model, "tendon_dampingpoly"), "damping that is not in proportion to speed"),

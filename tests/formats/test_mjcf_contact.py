@@ -212,7 +212,7 @@ STEP = '<geom type="box" size="1 1 0.1" pos="1 0 0" contype="1"/>'
 MOVED = '<body mocap="true" pos="1 0 0"><geom type="box" size="1 1 0.1" contype="1"/></body>'
 FLOOR, TENDON, SPRING = 'size="1 1 1"', 'name="c0"', 'stiffness="400"'
 SERVO = '<position tendon="c0" kp="100"/>'
-WEAK = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" forcerange="-20 0"/>'
+WEAK = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" forcerange="-20 20"/>'
 ROLLING = FLOOR + ' condim="6" friction="1 0.005 0.1"'
 STIFF = ' solmix="1e6"'
 SLACK = prism().replace(SPRING, 'stiffness="0"', 1)
@@ -292,18 +292,20 @@ def test_refusals_name_the_line(old, new, said, read):
 def test_what_has_no_effect_is_a_note(read):
     """Lags, keyframes, bodies that are not joined, damping while slack."""
     spring = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" {more}/>'
-    lagging = spring.format(more='dyntype="filter" dynprm="0.1" forcerange="-900 0"')
+    lagging = spring.format(more='dyntype="filter" dynprm="0.1" forcerange="-900 900"')
     text = with_actuator(lagging, SLACK)
     text = text.replace("</mujoco>", '<keyframe><key time="1"/></keyframe></mujoco>')
     scene, notes = read(text)
     for said in (
         "actuator 0: lags behind its control there",
-        "its force is limited to -900 to 0 N there",
+        "its force is limited to -900 to 900 N there",
         "1 keyframes are not read",
         "the damping of tendons acts there while they are slack, too",
     ):
         assert any(said in note for note in notes), said
-    assert scene.structure.cables.damping[-1] == 2
+    (dampers,) = scene.terms  # of cables that go slack in the motion that MuJoCo is asked for
+    assert (scene.structure.cables.damping + dampers.damping).tolist() == pytest.approx([6 + 2, *[2] * 8])
+    assert 0 < np.count_nonzero(dampers.damping) < 9
     # the control that is nearest to 0 within its range counts
     filtered = 'dyntype="filter" dynprm="0.1" actlimited="true" actrange="0.05 0.2"'
     for more in ('ctrlrange="0.05 0.2"', filtered):
@@ -313,6 +315,12 @@ def test_what_has_no_effect_is_a_note(read):
     assert (
         "1 bodies that no tendon moves are left out: other" in read(prism().replace("<body", other + "<body", 1)).notes
     )
+
+
+def test_dry_friction_that_is_disabled_is_no_loss(read):
+    """By the option's flag, as in public models of a real robot."""
+    text = prism().replace(TENDON, TENDON + ' frictionloss="1"')
+    read(text.replace("<worldbody>", '<option><flag frictionloss="disable"/></option><worldbody>', 1))
 
 
 def test_kinds_that_may_be_dropped_are_named(read):
