@@ -66,12 +66,9 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
         K, c = float(model.tendon_stiffness[t]), float(model.tendon_damping[t])
         low, high = model.tendon_lengthspring[t]
         if t in driven:
-            own = driven[t]
-            if K:
-                own = _beside_spring(own, name, K, model.tendon_lengthspring[t])
-            less, more = (max(x, -own.rest_length) for x in own.change)
-            spring = Spring(name, own.kind, path, own.stiffness, own.rest_length, own.damping + c, (less, more))
-            found.append(spring._replace(largest=own.largest))
+            kind = "strut" if low == high else "cable"
+            own = Driven(kind, K, float(low), 0.0, (0.0, 0.0)) if K else None
+            found.append(_servo(name, path, driven[t], own, c))
         elif not K and not c:
             idle.append(name)
         elif not K:
@@ -109,18 +106,28 @@ def _slack_dampers(model: Any, data: Any, springs: list[Spring]) -> list[Spring]
     return [damped.get(number[each.name], each) for each in springs]
 
 
-def _beside_spring(servo: Driven, name: str, K: float, springlength: np.ndarray) -> Driven:
-    """A servo and the spring of its tendon as one spring: both push and pull in proportion to the length."""
-    low, high = springlength.tolist()
-    if low != high or servo.kind != "strut":
+def _servo(name: str, path: tuple[int, ...], servo: Driven, spring: Driven | None, damping: float) -> Spring:
+    """A tendon with a servo, and maybe with a spring of its own."""
+    both = servo if spring is None else _in_parallel(servo, spring)
+    if both is None:
         raise InputError(
             f"tendon {name}: has a spring and a servo, of which one only pulls; expected one of them, or both to push "
             "and pull: one springlength, and no forcerange"
         )
-    both, share = K + servo.stiffness, servo.stiffness / (K + servo.stiffness)
-    less, more = (share * x for x in servo.change)
-    rest = (K * low + servo.stiffness * servo.rest_length) / both
-    return servo._replace(stiffness=both, rest_length=rest, change=(less, more))
+    less, more = (max(x, -both.rest_length) for x in both.change)
+    c = both.damping + damping
+    return Spring(name, both.kind, path, both.stiffness, both.rest_length, c, (less, more), largest=both.largest)
+
+
+def _in_parallel(one: Driven, other: Driven) -> Driven | None:
+    """Two springs of a tendon as one, if both push and pull in proportion to the length."""
+    if {one.kind, other.kind} != {"strut"}:
+        return None
+    K = one.stiffness + other.stiffness
+    parts = [(each.stiffness / K, each) for each in (one, other)]
+    less, more = (sum(share * each.change[k] for share, each in parts) for k in range(2))
+    rest = sum(share * each.rest_length for share, each in parts)
+    return Driven("strut", K, rest, one.damping + other.damping, (less, more))
 
 
 def pushing_cable(spring: Spring, dead_band: float) -> Spring:
@@ -187,7 +194,9 @@ def _actuators(model: Any, data: Any, losses: Losses) -> tuple[dict[int, Driven]
                 more = _forces(model, a)
                 pulled[tendon] = (low + more[0], high + more[1])
             continue
-        if spring is None or tendon in found or not (spring.rest_length > 0 or model.tendon_stiffness[tendon]):
+        if spring is not None and tendon in found:
+            spring = _in_parallel(found[tendon], spring)
+        if spring is None or not (spring.rest_length > 0 or model.tendon_stiffness[tendon]):
             losses.lose("actuators", f"actuator {name}: {_why_not(model, data, a)}")
             continue
         found[tendon] = spring
@@ -223,6 +232,8 @@ def _why_not(model: Any, data: Any, a: int) -> str:
     servo = model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON and model.actuator_biasprm[a, 1] < 0
     if servo and not model.actuator_ctrllimited[a] and not _input(model, data, a):
         return "has the rest length 0 at control 0; expected a ctrlrange above 0, or a keyframe with its control"
+    if servo and np.sum(model.actuator_trnid[:, 0] == model.actuator_trnid[a, 0]) > 1:
+        return "is one of several servos of its tendon, of which one only pulls"
     if _is_still(model, a):
         return f"has a force of its own at its control {_input(model, data, a):g} in the keyframe"
     return "no spring of a tendon that has a rest length at its control in the start"

@@ -264,3 +264,10 @@ def test_a_spring_and_a_servo_on_one_tendon(tmp_path):
         found(tmp_path, driven.replace(both, PULLING))
     with pytest.raises(InputError, match="tendon t0: has a spring and a servo, of which one only pulls; expected one"):
         found(tmp_path, driven.replace('kv="2"', 'forcerange="-9 0"'))
+    # a second servo adds to the first one
+    twice = driven.replace("</actuator>", servo.replace('"p"', '"q"').replace("-1 0", "0.3 1") + "</actuator>")
+    struts = found(tmp_path, twice).scene.structure.struts
+    assert (struts.stiffness[0], struts.rest_length[0], struts.damping[0]) == pytest.approx((100, 0.78, 5))
+    pulling = twice.replace('name="p"', 'name="p" forcerange="-9 0"')
+    with pytest.raises(InputError, match="actuator q: is one of several servos of its tendon, of which one only pulls"):
+        found(tmp_path, pulling)
