@@ -102,6 +102,11 @@ def refuse_bodies(structure: Structure, what: str) -> None:
         raise InputError(f"{what} hold no rigid bodies, and this has {len(structure.bodies)}; expected save_scene")
 
 
+def has_strength(structure: Structure) -> bool:
+    """Whether it is known what members bear. Scene files alone can say so."""
+    return any(m.yield_force is not None or m.bending_stiffness is not None for m in structure.members)
+
+
 def finite(value: Any, where: str) -> float:
     """A number that a file gives as text. Raises `InputError` where it is none, or not finite."""
     try:

@@ -9,7 +9,15 @@ from scipy.io import loadmat, savemat
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges
-from jaxgrity.formats.foreign import LARGEST_FILE, LARGEST_NUMBER, MOST_NODES, STRUCTURE_ALONE, Imported, refuse_bodies
+from jaxgrity.formats.foreign import (
+    LARGEST_FILE,
+    LARGEST_NUMBER,
+    MOST_NODES,
+    STRUCTURE_ALONE,
+    Imported,
+    has_strength,
+    refuse_bodies,
+)
 from jaxgrity.formats.matlab_elements import check_elements
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.scene import Scene
@@ -59,16 +67,19 @@ def save_matlab(scene: Scene, path: str | Path) -> tuple[str, ...]:
 
 
 def beside_the_structure(scene: Scene) -> tuple[str, ...]:
-    """A sentence on the parts of a scene beside its structure, if there are any."""
+    """A sentence on what a scene has beside its structure's shape, masses and springs, if it has anything."""
     parts: dict[str, object] = {"gravity": scene.gravity, "damping of nodes": scene.node_damping}
+    further = ", ".join(term.name for term in scene.terms)
     parts |= {
         "ground": scene.ground,
         "friction": scene.friction,
         "gait": scene.gait,
-        "further forces": scene.terms or None,
+        f"further forces ({further})": further or None,
         "load cases": scene.loads or None,
         "motion of supports": scene.shaking,
         "motors": scene.structure.driven or None,
+        "that members are stuck": any(each.stuck for each in scene.structure.members) or None,
+        "strength of members": has_strength(scene.structure) or None,
     }
     cables = scene.structure.cables
     if cables is not None and cables.clusters:

@@ -15,6 +15,7 @@ from jaxgrity.formats.mjcf_losses import (
     lose_beside_sites,
     lose_rims,
     name_of,
+    restitution_of,
     watched,
 )
 from jaxgrity.model.friction import ConeFriction
@@ -63,11 +64,10 @@ def touched_plane(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, los
 
     Raises `InputError` where contact would be another one here, unless the caller drops it.
     """
-    size = float(np.ptp(x, axis=0).max())
-    plane, n, balls = what_touches(model, data, size, losses)
+    size, moving = float(np.ptp(x, axis=0).max()), carrier != 0
+    plane, n, balls, bounce = what_touches(model, data, size, losses)
     if plane is None:
         return GroundFound(None, None, np.zeros(3))
-    moving = carrier != 0
     at = _at_nodes(model, balls, x, carrier, SAME_PLACE * size, losses)
     radius = _one_radius([r for r, _ in at.values()], SAME_PLACE * size, losses)
     _only_nodes(model, balls, x, np.where(moving, carrier, -1), set(at), (radius, SAME_PLACE * size), losses)
@@ -75,17 +75,19 @@ def touched_plane(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, los
     losses.note("contact is between nodes and the plane; it is exact, where MuJoCo's is soft")
     highest = max((m for _, m in at.values()), default=0.0)
     each = np.array([at[k][1] if k in at else highest for k in range(len(x))])
-    return GroundFound(ExactGround(float(np.arctan2(n[0], n[2]))), cone_of(each), lift)
+    return GroundFound(ExactGround(float(np.arctan2(n[0], n[2])), bounce), cone_of(each), lift)
 
 
-def what_touches(model: Any, data: Any, size: float, losses: Losses) -> tuple[int | None, np.ndarray, list[Touching]]:
-    """The plane that is touched, its normal, and the balls of all bodies."""
+def what_touches(
+    model: Any, data: Any, size: float, losses: Losses
+) -> tuple[int | None, np.ndarray, list[Touching], float | None]:
+    """The plane that is touched, its normal, the balls of all bodies, and the ground's restitution."""
     _others_that_touch(model, data, losses)
     plane, contacts = _contacts(model, data)
     if plane is None:
         if np.any(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE):
             losses.note("nothing touches the plane: the scene has no ground")
-        return None, np.zeros(3), []
+        return None, np.zeros(3), [], None
     n = data.geom_xmat[plane].reshape(3, 3)[:, 2]
     if abs(n[1]) > 1e-9 or n[2] <= 0:
         raise InputError(f"the plane's normal is {n.round(4).tolist()}; expected one that falls along x, or none")
@@ -93,7 +95,8 @@ def what_touches(model: Any, data: Any, size: float, losses: Losses) -> tuple[in
     if any(mu.values()) and model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL:
         losses.note(PYRAMID)
     balls = [ball for geom, found in contacts.items() for ball in _balls(model, data, geom, found[0], mu[geom], losses)]
-    return plane, n, balls
+    back = {geom: check_spring(model, geom, found[0][3:], SMALL * size, losses) for geom, found in contacts.items()}
+    return plane, n, balls, restitution_of(model, back, losses)
 
 
 def _contacts(model: Any, data: Any) -> tuple[int | None, dict[int, list[Any]]]:
@@ -140,8 +143,7 @@ def _moved(model: Any, way: np.ndarray) -> Any:
 
 def _friction(model: Any, geom: int, contacts: list[Any], size: float, losses: Losses) -> float:
     """mu of the contacts of a geom with the plane."""
-    dim, friction, _, *spring = contacts[0]
-    check_spring(model, geom, spring, SMALL * size, losses)
+    dim, friction = contacts[0][:2]
     if dim == 1:
         return 0.0
     name = f"geom {name_of(model, 'geom', geom)}"
@@ -159,8 +161,7 @@ def _balls(model: Any, data: Any, geom: int, contact: Any, mu: float, losses: Lo
     """What of a geom touches planes, as balls. Cylinders are discs at both ends: within other balls, or lost."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     at, turn, margin = data.geom_xpos[geom].copy(), data.geom_xmat[geom].reshape(3, 3), contact[2]
-    types = mujoco.mjtGeom
-    body = int(model.body_weldid[model.geom_bodyid[geom]])
+    types, body = mujoco.mjtGeom, int(model.body_weldid[model.geom_bodyid[geom]])
     if kind == types.mjGEOM_SPHERE:
         places, radius = [at], float(size[0])
     elif kind in (types.mjGEOM_CAPSULE, types.mjGEOM_CYLINDER):

@@ -1,10 +1,11 @@
 """What a MuJoCo model has and a scene has not: named in a note, or refused unless the caller says to drop it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import lazy_loader
 import numpy as np
+from scipy.optimize import brentq
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import Losses
@@ -23,7 +24,10 @@ DROPPABLE = {
 }
 """What callers may drop although it changes the motion, with a description of each."""
 REBOUND, REBOUND_NOTED = 0.25, 0.01
-"""Largest shares of its speed that a contact may give back: at all, and without a note. MuJoCo's default is 0.14."""
+"""Largest shares of its speed that a contact gives back without a restitution of the ground, and without a note, up to
+which shares also count as equal. MuJoCo's default is 0.14."""
+CONTACT_TIME, RATIOS = 0.02, (1e-3, 1e3)
+"""MuJoCo's default time constant of contact, s, and the damping ratios between which one is found for a restitution."""
 SMALL = 0.02
 """Share of the robot's size below which notes omit arms of spinning and rolling friction and starts inside the plane.
 Contact, `connect` and `weld` that give way by more than this share are lost."""
@@ -37,9 +41,9 @@ def name_of(model: Any, kind: str, number: int) -> str:
 
 
 def watched(data: Any) -> Iterator[Any]:
-    """MuJoCo's data after each step of a while, from the start on, in which it moves the robot without controls."""
+    """MuJoCo's data after each step of a while, from the start on, in which it moves the robot at constant controls."""
     model, moved = data.model, mujoco.MjData(data.model)
-    moved.qpos[:] = data.qpos
+    moved.qpos[:], moved.ctrl[:], moved.act[:] = data.qpos, data.ctrl, data.act
     mujoco.set_mju_user_warning(lambda _: None)  # of unstable steps; else they are written to a file
     try:
         for _ in range(min(MOST_WATCHED, round(WATCHED / model.opt.timestep))):
@@ -77,7 +81,7 @@ def _joints(model: Any, losses: Losses) -> None:
     for kind, values, what in (
         ("damping", _with_terms(model, "dof_damping") * turns, "damping, and is no slide"),
         ("damping", _terms(model, "dof_dampingpoly") * ~turns, "damping that is not in proportion to speed"),
-        ("friction", model.dof_frictionloss, "dry friction (frictionloss)"),
+        ("friction", _dry(model, model.dof_frictionloss), "dry friction (frictionloss)"),
         ("forces", model.dof_armature, "armature"),
         ("forces", _with_terms(model, "jnt_stiffness")[model.dof_jntid] if model.nv else np.zeros(0), "a spring"),
     ):
@@ -86,10 +90,15 @@ def _joints(model: Any, losses: Losses) -> None:
             losses.lose(kind, f"body {name_of(model, 'body', int(model.jnt_bodyid[joint]))}: its joint has {what}")
 
 
+def _dry(model: Any, losses: np.ndarray) -> np.ndarray:
+    """Dry friction, unless the model disables all of it."""
+    return losses * (not model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS))
+
+
 def _tendons(model: Any, losses: Losses) -> None:
     for kind, values, what in (
         ("limits", model.tendon_actfrclimited, "a limited force of its actuators"),
-        ("friction", model.tendon_frictionloss, "dry friction (frictionloss)"),
+        ("friction", _dry(model, model.tendon_frictionloss), "dry friction (frictionloss)"),
         ("forces", getattr(model, "tendon_armature", np.zeros(model.ntendon)), "armature"),
         ("forces", _terms(model, "tendon_stiffnesspoly"), "a spring that is not linear"),
         ("damping", _terms(model, "tendon_dampingpoly"), "damping that is not in proportion to speed"),
@@ -105,7 +114,7 @@ def _limits(model: Any, data: Any, losses: Losses) -> None:
     for moved in watched(data) if joints or tendons else ():
         reached |= set(zip(moved.efc_type.tolist(), moved.efc_id.tolist()))
         time, stable = moved.time, stable and moved.time > time  # where a motion is unstable, MuJoCo begins anew
-    unreached = f"there, not reached within {time:.2g} s without controls, and not at all here"
+    unreached = f"there, not reached within {time:.2g} s at constant controls, and not at all here"
     for j in joints:
         what = f"body {name_of(model, 'body', int(model.jnt_bodyid[j]))}: its joint has a limited range"
         if (int(kinds.mjCNSTR_LIMIT_JOINT), j) in reached or not stable:
@@ -122,25 +131,50 @@ def _limits(model: Any, data: Any, losses: Losses) -> None:
             losses.note(f"{what} {unreached}")
 
 
-def check_spring(model: Any, geom: int, spring: list[np.ndarray], deep: float, losses: Losses) -> None:
-    """Loses what a geom's contact with the plane gives back, and where its weight presses it in by more than `deep`, m.
+def check_spring(model: Any, geom: int, spring: Sequence[np.ndarray], deep: float, losses: Losses) -> float:
+    """The share of its speed that a geom's contact with the plane gives back. Loses one pressed in by over `deep`, m.
 
-    `spring` is the contact's `solref` and `solimp`. Exact contact is stiff, and gives nothing back. How deep it is
-    pressed in is known within a factor of two: many contacts share a weight, and grow stiffer with depth.
+    `spring` is the contact's `solref` and `solimp`. Exact contact is stiff. How deep it is pressed in is known within a
+    factor of two: many contacts share a weight, and grow stiffer with depth.
     """
     (time, ratio), impedance = spring[0].tolist(), float(spring[1][1])
     period = time * ratio
     if time <= 0:  # minus a stiffness, and minus a damping
         period = 1 / np.sqrt(max(-time, 1e-300))
         ratio = -ratio / 2 * period
-    name, back = f"geom {name_of(model, 'geom', geom)}", _rebound(ratio)
-    if back > REBOUND:
-        losses.lose("contact", f"{name}: bounces off the plane at {back:.2g} times its speed (solref)")
-    elif back > REBOUND_NOTED:
-        losses.note(f"contact bounces off the plane at {back:.2g} times its speed there (solref), and not at all here")
     sinks = gravity_of(model) * (1 - impedance) * period**2
     if sinks > deep:
+        name = f"geom {name_of(model, 'geom', geom)}"
         losses.lose("contact", f"{name}: its weight presses it some {sinks:.1g} m into the plane (solref, solimp)")
+    return rebound(ratio)
+
+
+def restitution_of(model: Any, back: dict[int, float], losses: Losses) -> float | None:
+    """The ground's restitution, if geoms bounce with more than `REBOUND` times their speed: `back` of each.
+
+    A ground has one restitution. Loses bounces of geoms that differ.
+    """
+    if max(back.values(), default=0.0) <= REBOUND:
+        for share in back.values():
+            if share > REBOUND_NOTED:
+                what = f"contact bounces off the plane at {share:.2g} times its speed"
+                losses.note(f"{what} there (solref), and not at all here")
+        return None
+    least, most = (choose(back, key=lambda geom: back[geom]) for choose in (min, max))
+    name, other = (f"geom {name_of(model, 'geom', geom)}" for geom in (most, least))
+    what = f"bounces off the plane at {back[most]:.2g} times its speed (solref)"
+    if back[most] - back[least] > REBOUND_NOTED:
+        losses.lose("contact", f"{name}: {what}, and {other} at {back[least]:.2g} times its speed")
+        return None
+    losses.note(f"contact {what}, which is the ground's restitution here")
+    return back[most]
+
+
+def contact_spring(restitution: float, time: float) -> list[float]:
+    """The `solref` of contact that gives back such a share of its speed, with the stiffness of this time constant, s."""
+    low, high = RATIOS
+    ratio = float(brentq(lambda x: rebound(x) - float(np.clip(restitution, rebound(high), rebound(low))), low, high))
+    return [-1 / time**2, -2 * ratio / time]
 
 
 def lose_beside_sites(model: Any, geom: int, centre: np.ndarray, losses: Losses) -> None:
@@ -166,7 +200,7 @@ def _is_cylinder(model: Any, geom: int) -> bool:
     return bool(model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CYLINDER)
 
 
-def _rebound(ratio: float) -> float:
+def rebound(ratio: float) -> float:
     """The share of its speed with which a mass leaves a damped spring that pushes and does not pull.
 
     It leaves where the force is 0, at the phase 2 acos(ratio) of the oscillation: before the spring has its length.

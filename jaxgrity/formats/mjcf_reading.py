@@ -15,13 +15,12 @@ from jaxgrity.core.types import Edges
 from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, read_limited, some_of, together
 from jaxgrity.formats.mjcf_bodies import carried, is_free, rigid_bodies, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
-from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, outer_joints, shared_nodes
+from jaxgrity.formats.mjcf_drag import drag_of
+from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, shared_nodes
 from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, name_of
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
-from jaxgrity.formats.mjcf_tendons import Spring, drag_of_sites, pushing_cable, springs_of, with_dampers_beside
-from jaxgrity.formats.mjcf_text import mjcf_text, with_element_line
-from jaxgrity.model.force_laws import cable_dampers, dead_band
-from jaxgrity.model.laws import Law
+from jaxgrity.formats.mjcf_tendons import Spring, laws_of, pushing_cable, springs_of, with_dampers_beside
+from jaxgrity.formats.mjcf_text import mjcf_text, with_element_lines
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
 
@@ -57,8 +56,8 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
         path: the file (.xml), which MuJoCo itself reads.
         drop: parts that you let go, any of "contact", "radius", "friction", "limits", "damping", "actuators", "air"
             and "forces".
-        keyframe: name of the keyframe in which the robot starts, at rest. Without it, bodies start where the model
-            places them.
+        keyframe: name of the keyframe in which the robot starts, at rest, with its controls. Without it, bodies start
+            where the model places them, and controls are 0.
 
     Returns:
         The scene, with gravity, the plane and its friction where the model has them, and what was read how.
@@ -78,7 +77,7 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
         with Losses(drop, DROPPABLE, []) as losses:
             return _imported(mujoco.MjModel.from_xml_string(text), losses, keyframe)
     except (ValueError, RuntimeError) as error:  # InputError is a ValueError; MuJoCo raises both
-        raise InputError(f"{path}: {with_element_line(' '.join(str(error).split()), text)}") from error
+        raise InputError(f"{path}: {with_element_lines(' '.join(str(error).split()), text)}") from error
 
 
 def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
@@ -120,7 +119,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     struts = _members(pushing, x) if pushing else rod_members(x, rods)
     cables = _members(pulling, x)
     _note_controls([*pushing, *pulling], 0 if pushing or struts is None else len(struts.edges), notes)
-    drag = _drag(model, nodes, merged, place, losses)
+    drag = drag_of(model, {site: place[merged[k]] for site, k in number.items()}, len(x), losses)
     found = found or touched_plane(model, data, x, carrier, losses)
     structure = Structure(x - found.lift, masses, struts, cables, fixed=fixed, bodies=rigid)
     scene = Scene(
@@ -129,7 +128,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
         drag if drag.any() else None,
         found.ground,
         found.friction,
-        terms=_laws(pulling, cables, notes),
+        terms=laws_of(pulling, cables, notes),
     )
     return Imported(scene, together(["SI units, z up, as in MuJoCo", *notes]))
 
@@ -143,7 +142,6 @@ def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:
         mujoco.mj_resetDataKeyframe(model, data, names.index(keyframe))
         if np.any(data.qvel):
             losses.note(f"keyframe {keyframe}: its bodies move there; here they start at rest")
-        data.ctrl[:] = data.act[:] = 0
     elif names:
         losses.note(f"{len(names)} keyframes are not read, and bodies start where they are placed: {some_of(names)}")
     mujoco.mj_forward(model, data)
@@ -246,19 +244,6 @@ def _members(springs: list[Spring], x: np.ndarray) -> Members | None:
     return Members(_segments(springs), K, L, damping=c if c.any() else None, clusters=tuple(clusters))
 
 
-def _laws(springs: list[Spring], cables: Members | None, notes: list[str]) -> tuple[Law, ...]:
-    """Of cables that push beyond a dead band, and of dampers beside them."""
-    if cables is None:
-        return ()
-    bands, dampers = zip(*((min(each.dead_band, each.rest_length), each.damper) for each in springs))
-    if pushing := sum(band < each.rest_length for band, each in zip(bands, springs)):
-        notes.append(f"{pushing} tendons are cables that push when they are short, as springs there do")
-    if alone := [each.name for each in springs if not each.stiffness]:
-        notes.append(f"{len(alone)} tendons without a spring are dampers: {some_of(alone)}")
-    laws: list[Law] = [dead_band(cables, bands)] if pushing else []
-    return (*laws, cable_dampers(cables, dampers)) if any(dampers) else tuple(laws)
-
-
 def _note_controls(springs: list[Spring], first: int, notes: list[str]) -> None:
     """Which members controls move, as a gait names them, and how far; `first` is the number of the first spring."""
     members: list[int] = []
@@ -272,25 +257,6 @@ def _note_controls(springs: list[Spring], first: int, notes: list[str]) -> None:
     if members:
         reach = f"by {low:.0%} to {high:.0%}" if np.isfinite(high) else "without a limit"
         notes.append(f"controls change the rest lengths of {len(members)} members {reach}: [gait] members = {members}")
-
-
-def _drag(model: Any, nodes: _Nodes, merged: list[int], place: dict[int, int], losses: Losses) -> np.ndarray:
-    """N s/m, of slides, and of actuators that push against the velocity of a site."""
-    drag = np.zeros(len(place))
-    for k, body in enumerate(nodes.carrier):
-        joints = outer_joints(model, int(body))
-        if body and len(joints) and model.jnt_type[joints[0]] == mujoco.mjtJoint.mjJNT_SLIDE:
-            each = model.dof_damping[model.jnt_dofadr[joints]]
-            if np.ptp(each):
-                losses.lose("damping", f"body {name_of(model, 'body', int(body))}: damping {each.tolist()} by axes")
-            drag[place[merged[k]]] = each.max()
-    known = {site: k for k, site in enumerate(nodes.sites)}
-    for site, c in drag_of_sites(model, losses).items():
-        if site in known:
-            drag[place[merged[known[site]]]] += c
-        elif model.body_weldid[model.site_bodyid[site]]:
-            losses.lose("damping", f"site {name_of(model, 'site', site)}: damping where no node is")
-    return drag
 
 
 def _gravity(model: Any) -> float:

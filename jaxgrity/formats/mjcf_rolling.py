@@ -25,7 +25,7 @@ def touched_by_balls(
     x, carrier = at
     size = float(np.ptp(x, axis=0).max())
     within = SAME_PLACE * size
-    plane, n, balls = what_touches(model, data, size, losses)
+    plane, n, balls, bounce = what_touches(model, data, size, losses)
     found: dict[int, Touching] = {}
     known = {*carrier.tolist(), *many} - {0}
     for ball in _outermost(model, [ball for ball in balls if ball.body in known], within, losses):
@@ -52,7 +52,7 @@ def touched_by_balls(
     losses.note("contact is exact, where MuJoCo's is soft")
     each = np.full(len(x), max(ball.mu for ball in found.values()))
     each[list(found)] = [ball.mu for ball in found.values()]
-    ground = ExactGround(float(np.arctan2(n[0], n[2])), balls=Balls(tuple(found), radius))
+    ground = ExactGround(float(np.arctan2(n[0], n[2])), bounce, balls=Balls(tuple(found), radius))
     return GroundFound(ground, cone_of(each), lift, **added)
 
 

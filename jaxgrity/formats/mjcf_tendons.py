@@ -1,4 +1,4 @@
-"""Tendons and actuators of a MuJoCo model as members, and actuators that push against velocities as damping."""
+"""Tendons and actuators of a MuJoCo model as members."""
 
 from typing import Any, NamedTuple
 
@@ -6,10 +6,18 @@ import lazy_loader
 import numpy as np
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.formats.foreign import Losses, some_of
-from jaxgrity.formats.mjcf_losses import name_of
+from jaxgrity.formats.foreign import LARGEST_NUMBER, Losses, some_of
+from jaxgrity.formats.mjcf_drag import is_drag
+from jaxgrity.formats.mjcf_losses import name_of, watched
+from jaxgrity.model.force_laws import cable_dampers, dead_band, force_limit
+from jaxgrity.model.laws import Law
+from jaxgrity.model.structure import Members
 
 mujoco: Any = lazy_loader.load("mujoco")
+
+
+NO_LIMIT = 1e6
+"""Limit of an actuator's force, N, beyond which it counts as none: no cable of a robot reaches it."""
 
 
 class Spring(NamedTuple):
@@ -29,16 +37,21 @@ class Spring(NamedTuple):
     """m, below the rest length, within which a cable is slack; then it pushes"""
     damper: float = 0.0
     """N s/m, of a cable, which acts while it is slack, too"""
+    largest: float = np.inf
+    """N, at which a cable's motor pays out"""
 
 
 class Driven(NamedTuple):
-    """What an actuator makes of its tendon, where its control is 0, or the nearest to 0 that it may be."""
+    """What an actuator makes of its tendon at the start's control (0 without a keyframe), or the nearest that it may
+    have."""
 
     kind: str
     stiffness: float
     rest_length: float
     damping: float
     change: tuple[float, float]
+    """as `Spring` has it"""
+    largest: float = np.inf
     """as `Spring` has it"""
 
 
@@ -52,11 +65,10 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
         name, path = name_of(model, "tendon", t), _path(model, t)
         K, c = float(model.tendon_stiffness[t]), float(model.tendon_damping[t])
         low, high = model.tendon_lengthspring[t]
-        if t in driven and K:
-            raise InputError(f"tendon {name}: has a spring and an actuator with one; expected one of them")
         if t in driven:
-            own = driven[t]
-            found.append(Spring(name, own.kind, path, own.stiffness, own.rest_length, own.damping + c, own.change))
+            kind = "strut" if low == high else "cable"
+            own = Driven(kind, K, float(low), 0.0, (0.0, 0.0)) if K else None
+            found.append(_servo(name, path, driven[t], own, c))
         elif not K and not c:
             idle.append(name)
         elif not K:
@@ -68,12 +80,54 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
             spring = Spring(name, kind, path, K, float(high), c, (less, more))
             found.append(spring if low in (0, high) else pushing_cable(spring, float(high - low)))
     if not any(spring.stiffness for spring in found):
-        raise InputError("no tendon has a spring, nor an actuator that is one; expected some that pull at control 0")
+        raise InputError(
+            "no tendon has a spring, nor a servo that is one at the start's controls; expected stiffness and "
+            "springlength, or a servo with a rest length (position, general)"
+        )
+    found = _slack_dampers(model, data, found)
     if idle:
         losses.note(f"{len(idle)} tendons without a spring are left out: {some_of(idle)}")
     if any(spring.kind == "cable" and spring.damping for spring in found):
         losses.note("the damping of tendons acts there while they are slack, too; here while they pull")
     return found
+
+
+def _slack_dampers(model: Any, data: Any, springs: list[Spring]) -> list[Spring]:
+    """The springs; cables that go slack while MuJoCo moves the robot have dampers, which act then, as they do there."""
+    number = {name_of(model, "tendon", t): t for t in range(model.ntendon)}
+    damped = {number[each.name]: each for each in springs if each.kind == "cable" and each.damping}
+    rows, rest = [*damped], np.array([each.rest_length for each in damped.values()])
+    slack = data.ten_length[rows] < rest
+    for moved in watched(data) if damped and not slack.all() else ():
+        slack |= moved.ten_length[rows] < rest
+    for t, each in [pair for pair, loose in zip(damped.items(), slack) if loose]:
+        c = float(model.tendon_damping[t])
+        damped[t] = each._replace(damping=max(each.damping - c, 0.0), damper=c)
+    return [damped.get(number[each.name], each) for each in springs]
+
+
+def _servo(name: str, path: tuple[int, ...], servo: Driven, spring: Driven | None, damping: float) -> Spring:
+    """A tendon with a servo, and maybe with a spring of its own."""
+    both = servo if spring is None else _in_parallel(servo, spring)
+    if both is None:
+        raise InputError(
+            f"tendon {name}: has a spring and a servo, of which one only pulls; expected one of them, or both to push "
+            "and pull: one springlength, and no forcerange"
+        )
+    less, more = (max(x, -both.rest_length) for x in both.change)
+    c = both.damping + damping
+    return Spring(name, both.kind, path, both.stiffness, both.rest_length, c, (less, more), largest=both.largest)
+
+
+def _in_parallel(one: Driven, other: Driven) -> Driven | None:
+    """Two springs of a tendon as one, if both push and pull in proportion to the length."""
+    if {one.kind, other.kind} != {"strut"}:
+        return None
+    K = one.stiffness + other.stiffness
+    parts = [(each.stiffness / K, each) for each in (one, other)]
+    less, more = (sum(share * each.change[k] for share, each in parts) for k in range(2))
+    rest = sum(share * each.rest_length for share, each in parts)
+    return Driven("strut", K, rest, one.damping + other.damping, (less, more))
 
 
 def pushing_cable(spring: Spring, dead_band: float) -> Spring:
@@ -95,6 +149,21 @@ def with_dampers_beside(springs: list[Spring]) -> list[Spring]:
     return [each for each in found if each.stiffness or each in alone.values()]
 
 
+def laws_of(springs: list[Spring], cables: Members | None, notes: list[str]) -> tuple[Law, ...]:
+    """Of cables whose motors yield, or that push beyond a dead band, and of dampers beside them."""
+    if cables is None:
+        return ()
+    bands, dampers = zip(*((min(each.dead_band, each.rest_length), each.damper) for each in springs))
+    if pushing := sum(band < each.rest_length for band, each in zip(bands, springs)):
+        notes.append(f"{pushing} tendons are cables that push when they are short, as springs there do")
+    if alone := [each.name for each in springs if not each.stiffness]:
+        notes.append(f"{len(alone)} tendons without a spring are dampers: {some_of(alone)}")
+    largest = [min(each.largest, LARGEST_NUMBER) for each in springs]
+    laws: list[Law] = [force_limit(cables, largest)] if min(largest) < LARGEST_NUMBER else []
+    laws += [dead_band(cables, bands)] if pushing else []
+    return (*laws, cable_dampers(cables, dampers)) if any(dampers) else tuple(laws)
+
+
 def _path(model: Any, tendon: int) -> tuple[int, ...]:
     first, count = model.tendon_adr[tendon], model.tendon_num[tendon]
     wraps = range(first, first + count)
@@ -113,25 +182,27 @@ def _actuators(model: Any, data: Any, losses: Losses) -> tuple[dict[int, Driven]
     pulled: dict[int, tuple[float, float]] = {}
     still = []
     for a in range(model.nu):
-        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_SITE and _is_drag(model, a):
+        if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_SITE and is_drag(model, a):
             continue
         tendon = int(model.actuator_trnid[a, 0])
         name = name_of(model, "actuator", a)
-        spring = _spring(model, a)
-        if _is_still(model, a):
+        spring = _spring(model, data, a)
+        if _is_still(model, a) and not _input(model, data, a):
             still.append(name)
             if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON:
                 low, high = pulled.get(tendon, (0.0, 0.0))
                 more = _forces(model, a)
                 pulled[tendon] = (low + more[0], high + more[1])
             continue
-        if spring is None or tendon in found:
-            losses.lose("actuators", f"actuator {name}: no spring of a tendon that has a rest length at control 0")
+        if spring is not None and tendon in found:
+            spring = _in_parallel(found[tendon], spring)
+        if spring is None or not (spring.rest_length > 0 or model.tendon_stiffness[tendon]):
+            losses.lose("actuators", f"actuator {name}: {_why_not(model, data, a)}")
             continue
         found[tendon] = spring
         _beside(model, data, a, name, losses)
     if still:
-        losses.note(f"{len(still)} actuators have no force at control 0, and are left out: {some_of(still)}")
+        losses.note(f"{len(still)} actuators have no force at the start's controls, and are left out: {some_of(still)}")
     if found:
         losses.note(f"{len(found)} actuators are springs whose rest length their control changes; the gait is not read")
     return found, pulled
@@ -146,7 +217,29 @@ def _is_still(model: Any, a: int) -> bool:
     return bool(fixed and free and low <= 0 <= high and model.actuator_dyntype[a] in [int(kind) for kind in lags])
 
 
-def _spring(model: Any, a: int) -> Driven | None:
+def _input(model: Any, data: Any, a: int) -> float:
+    """The control of an actuator at the start, or its activation where it integrates controls. MuJoCo clips both."""
+    if model.actuator_dyntype[a] == mujoco.mjtDyn.mjDYN_INTEGRATOR:
+        u = float(data.act[model.actuator_actadr[a]])
+    else:
+        u = float(data.ctrl[a])
+        u = float(np.clip(u, *model.actuator_ctrlrange[a])) if model.actuator_ctrllimited[a] else u
+    return float(np.clip(u, *model.actuator_actrange[a])) if model.actuator_actlimited[a] else u
+
+
+def _why_not(model: Any, data: Any, a: int) -> str:
+    """Why an actuator is no spring here, and what may help."""
+    servo = model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON and model.actuator_biasprm[a, 1] < 0
+    if servo and not model.actuator_ctrllimited[a] and not _input(model, data, a):
+        return "has the rest length 0 at control 0; expected a ctrlrange above 0, or a keyframe with its control"
+    if servo and np.sum(model.actuator_trnid[:, 0] == model.actuator_trnid[a, 0]) > 1:
+        return "is one of several servos of its tendon, of which one only pulls"
+    if _is_still(model, a):
+        return f"has a force of its own at its control {_input(model, data, a):g} in the keyframe"
+    return "no spring of a tendon that has a rest length at its control in the start"
+
+
+def _spring(model: Any, data: Any, a: int) -> Driven | None:
     """The force gain u + b0 + b1 l + b2 l' as K (L - l) - c l' with K = -b1 and L = (b0 + gain u)/K."""
     gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
     of_tendon = model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON and model.actuator_gear[a, 0] == 1
@@ -155,17 +248,13 @@ def _spring(model: Any, a: int) -> Driven | None:
     K = float(-bias[1])
     if not (of_tendon and fixed and affine) or K <= 0 or bias[2] > 0:
         return None
-    # MuJoCo clips controls to their range, so 0 may be out of reach
-    u = float(np.clip(0.0, *model.actuator_ctrlrange[a])) if model.actuator_ctrllimited[a] else 0.0
-    u = float(np.clip(u, *model.actuator_actrange[a])) if model.actuator_actlimited[a] else u
-    rest = float(bias[0] + gain[0] * u) / K
+    rest = float(bias[0] + gain[0] * _input(model, data, a)) / K
     # a tendon pulls where its force is negative
-    pulls = model.actuator_forcelimited[a] and model.actuator_forcerange[a, 1] <= 0
-    ends = sorted(
-        max((float(bias[0]) + (float(gain[0]) * u if gain[0] else 0.0)) / K, 0.0) for u in _controls(model, a)
-    )
+    least, most = model.actuator_forcerange[a].tolist() if model.actuator_forcelimited[a] else (-np.inf, np.inf)
+    largest = -least if most <= 0 and least > -NO_LIMIT else np.inf
+    ends = sorted((float(bias[0]) + (float(gain[0]) * u if gain[0] else 0.0)) / K for u in _controls(model, a))
     change = (ends[0] - rest, ends[1] - rest)
-    return Driven("cable" if pulls else "strut", K, rest, float(-bias[2]), change) if rest > 0 else None
+    return Driven("cable" if most <= 0 else "strut", K, rest, float(-bias[2]), change, largest)
 
 
 def _controls(model: Any, a: int) -> tuple[float, float]:
@@ -196,34 +285,16 @@ def _beside(model: Any, data: Any, a: int, name: str, losses: Losses) -> None:
         losses.lose("actuators", f"actuator {name}: a state of its own")
     if np.any(getattr(model, "actuator_delay", np.zeros(model.nu))[a]):
         losses.note(f"actuator {name}: is late there; here a gait's rest lengths are followed at once")
+    pulls = model.actuator_forcelimited[a] and model.actuator_forcerange[a, 1] <= 0
+    if pulls and model.actuator_biasprm[a, 2] and model.actuator_forcerange[a, 0] > -NO_LIMIT:
+        losses.note(f"actuator {name}: its damping is a part of the force that is limited there, and beside it here")
     for what in ("damping", "armature"):
         if np.any(getattr(model, f"actuator_{what}", np.zeros(model.nu))[a]):
             losses.lose("actuators", f"actuator {name}: {what} of its own")
-    if model.actuator_forcelimited[a]:
+    if model.actuator_forcelimited[a] and not pulls:
         low, high = model.actuator_forcerange[a]
         force = float(data.actuator_force[a])
         if force <= low or force >= high > 0:
             losses.lose("limits", f"actuator {name}: its force is limited to the {force:g} N of the start")
-        elif low > -1e6 or 0 < high < 1e6:
+        elif low > -NO_LIMIT or high < NO_LIMIT:
             losses.note(f"actuator {name}: its force is limited to {low:g} to {high:g} N there, and not at all here")
-
-
-def _is_drag(model: Any, a: int) -> bool:
-    """Whether it is a force against the velocity of a site along one axis, and nothing else."""
-    gain, bias, gear = model.actuator_gainprm[a], model.actuator_biasprm[a], model.actuator_gear[a]
-    affine = model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE
-    free = not (gain[0] or bias[0] or bias[1] or model.actuator_forcelimited[a])
-    return bool(affine and free and bias[2] < 0 and sorted(gear.tolist()) == [0, 0, 0, 0, 0, 1] and gear[:3].any())
-
-
-def drag_of_sites(model: Any, losses: Losses) -> dict[int, float]:
-    """N s/m, of sites that actuators slow down alike along all three axes."""
-    along: dict[int, list[float]] = {}
-    for a in np.flatnonzero(model.actuator_trntype[: model.nu] == mujoco.mjtTrn.mjTRN_SITE):
-        if _is_drag(model, int(a)):
-            each = along.setdefault(int(model.actuator_trnid[a, 0]), [0.0, 0.0, 0.0])
-            each[int(np.argmax(model.actuator_gear[a, :3]))] -= float(model.actuator_biasprm[a, 2])
-    for site, each in along.items():
-        if max(each) != min(each):
-            losses.lose("actuators", f"site {name_of(model, 'site', site)}: damping {each} N s/m along x, y and z")
-    return {site: max(each) for site, each in along.items()}

@@ -27,8 +27,16 @@ ELEMENTS = {
     **{tag: tag for tag in ("body", "geom", "site")},
     "tendon": "spatial|fixed",
     "actuator": "general|motor|position|velocity|intvelocity|damper|cylinder|muscle|adhesion",
+    "equality": "connect|weld|joint|tendon|flex",
 }
 """Elements of parts that messages name."""
+PLACES = {
+    "air of ": r"<option\b[^>]* (?:density|viscosity)=",
+    "gravity is ": r"<option\b[^>]* gravity=",
+    "option flag ": r"<flag\b",
+    "the plane's normal ": r"<geom\b[^>]* type=\"plane\"",
+}
+"""Elements of what messages begin with, where it has no name."""
 TURNS = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
 """Attributes that turn a body."""
 DEEPEST = 50
@@ -142,11 +150,16 @@ def mjcf_text(path: Path) -> str:
     return "".join(text.out)
 
 
-def with_element_line(message: str, text: str) -> str:
-    """A message that begins with a part that has a name, with the line of that part in a model's text."""
-    part = re.match(rf"({'|'.join(ELEMENTS)}) (\S+?):? ", message)
-    if part is None:
-        return message
-    name = re.escape(quoteattr(part[2]))
-    element = re.search(rf"<(?:{ELEMENTS[part[1]]})\b[^>]* name={name}", text)
-    return f"line {text.count(chr(10), 0, element.start()) + 1}: {message}" if element else message
+def with_element_lines(message: str, text: str) -> str:
+    """A message with the line of each part of a model's text that it names first, by a name or by an attribute."""
+    return "; ".join(_with_line(part, text) for part in message.split("; "))
+
+
+def _with_line(message: str, text: str) -> str:
+    part = re.match(rf"({'|'.join(ELEMENTS)}) (\S+?):? |bodies (\S+) and ", message)
+    if part:
+        element = rf"<(?:{ELEMENTS[part[1] or 'body']})\b[^>]* name={re.escape(quoteattr(part[2] or part[3]))}"
+    else:
+        element = next((which for begin, which in PLACES.items() if message.startswith(begin)), "")
+    found = re.search(element, text) if element else None
+    return f"line {text.count(chr(10), 0, found.start()) + 1}: {message}" if found else message

@@ -1,19 +1,18 @@
 """Scenes as MuJoCo models (MJCF), and the controls by which a gait moves one."""
 
-import math
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.linalg import block_diag, eigh
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
-from jaxgrity.formats.foreign import add_element
+from jaxgrity.formats.foreign import add_element, has_strength
 from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, joints_between, links_of
-from jaxgrity.formats.mjcf_plan import Plan, amplitudes, plan_of
+from jaxgrity.formats.mjcf_losses import CONTACT_TIME, contact_spring
+from jaxgrity.formats.mjcf_plan import Plan, amplitudes, plan_of, safe_step
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.clusters import cables_of, nodes_along
 from jaxgrity.model.force_laws import CableDampers, DeadBand
@@ -26,8 +25,8 @@ ADDED_INERTIA = 1e-13
 """Share of a body's inertia that is added: MuJoCo refuses flat bodies of which rounding leaves less than flat."""
 THINNEST = 1e-13
 """Radius, m, of the thinnest bars that are drawn: MuJoCo refuses a radius of zero."""
-LARGEST_STEP, CONTACT_TIME = 2e-3, 0.02
-"""Largest time step, and time constant of contact, that of MuJoCo's default, s for a body of one metre."""
+LARGEST_STEP = 2e-3
+"""Largest time step, s for a body of one metre."""
 CLOSED = [0.9999, 0.9999, 1e-3, 0.5, 2.0]
 """`solimp` of what closes loops of joints, nearly rigid. Its time constant is two steps, the shortest in MuJoCo."""
 
@@ -87,7 +86,7 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     root = ElementTree.Element("mujoco", model="jaxgrity")
     g = 0.0 if scene.gravity is None else float(scene.gravity)
     scale = float(time_scale(scene)) if g else 1.0
-    step = _safe_step(plan, links, LARGEST_STEP * scale) if timestep is None else timestep
+    step = safe_step(plan, links, LARGEST_STEP * scale) if timestep is None else timestep
     up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)
     add_element(root, "option", timestep=step, integrator=integrator, gravity=(-g * up + 0.0).tolist(), cone="elliptic")
     world = add_element(root, "worldbody")
@@ -102,8 +101,10 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     _drag_on_bodies(root, {node: drag[node] for node in sorted(in_bodies) if drag[node]})
     ElementTree.indent(root)
     others = [term for term in scene.terms if not isinstance(term, DeadBand | CableDampers)]
-    notes += ["laws that have no counterpart in MuJoCo are left out"] if others else []
+    names = ", ".join(term.name for term in others)
+    notes += [f"laws that have no counterpart in MuJoCo are left out: {names}"] if others else []
     notes += ["load cases are left out"] if scene.loads else []
+    notes += ["strength of members is left out"] if has_strength(scene.structure) else []
     notes += ["supports do not move there"] if scene.shaking is not None else []
     return MuJoCoModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes), plan.actuated)
 
@@ -116,8 +117,10 @@ def _ground(world: ElementTree.Element, scene: Scene, radius: float, time: float
     mu = 0.0 if scene.friction is None else float(np.max(scene.friction.sliding_mu))
     n = scene.ground.normal
     at = [-radius * axis for axis in n]
-    own, flags = time != CONTACT_TIME, {"contype": 0, "conaffinity": 1, "priority": 1, "friction": [mu, 0.0, 0.0]}
-    flags |= {"solref": [time, 1.0]} if own else {}
+    bounce, own = getattr(scene.ground, "restitution", None), time != CONTACT_TIME
+    flags: dict[str, Any] = {"contype": 0, "conaffinity": 1, "priority": 1, "friction": [mu, 0.0, 0.0]}
+    if own or bounce is not None:
+        flags["solref"] = [time, 1.0] if bounce is None else contact_spring(float(bounce), time)
     add_element(world, "geom", name="ground", type="plane", size=[0, 0, 1], zaxis=list(n), pos=at, **flags)
     differ = scene.friction is not None and np.ptp(scene.friction.sliding_mu) > 0
     which = "the largest of the nodes' friction coefficients" if differ else "the friction coefficient of the scene"
@@ -278,22 +281,3 @@ def _drag_on_bodies(root: ElementTree.Element, drag: dict[int, float]) -> None:
             gear = [*np.eye(3)[axis], 0.0, 0.0, 0.0]
             bias = {"biastype": "affine", "biasprm": [0.0, 0.0, -c], "gainprm": 0.0}
             add_element(actuators, "general", name=f"drag{node}{'xyz'[axis]}", site=f"n{node}", gear=gear, **bias)
-
-
-def _safe_step(plan: Plan, links: list[Link], longest: float) -> float:
-    """s, up to `longest`: an eighth of the period of the stiffest node or body, with all springs along a direction."""
-    x, pull, structure = np.asarray(plan.structure.nodes, float), np.zeros(len(plan.node_mass)), plan.structure
-    for members in structure.members:
-        if members.stiffness is None:
-            continue
-        for k, edge in enumerate(members.edges):
-            pull[list(edge)] += 0.0 if members is structure.struts and k in plan.rigid else members.stiffness[k]
-    alone = np.setdiff1d(np.flatnonzero(plan.node_mass), [node for link in links for node in link.nodes])
-    squares = list(pull[alone] / plan.node_mass[alone])
-    for link in links:
-        nodes, turned = list(link.nodes), np.cross(np.eye(3)[:, None], x[list(link.nodes)] - link.centre)
-        moved = np.r_[np.broadcast_to(np.eye(3)[:, None], turned.shape), turned]  # (motions, nodes, 3)
-        K = np.einsum("anx,n,bnx->ab", moved, pull[nodes], moved)
-        squares.append(eigh(K, block_diag(link.mass * np.eye(3), link.inertia), eigvals_only=True)[-1])
-    fastest = math.sqrt(2 * max(squares, default=0))
-    return float(min(longest, 2 * math.pi / fastest / 8 if fastest else longest))

@@ -12,7 +12,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.formats.compounds import spanning_points
 from jaxgrity.formats.foreign import Imported, Losses, positive
 from jaxgrity.formats.ntrt_bodies import Group, Shape, groups_of, moments_of, on_surface, shape_of
-from jaxgrity.formats.ntrt_builders import CABLES, RIGID_BUILDERS, WRAPPING, Builder, builder_of
+from jaxgrity.formats.ntrt_builders import CABLES, NTRT_BUILDERS, RIGID_BUILDERS, WRAPPING, Builder, builder_of
 from jaxgrity.formats.ntrt_tree import Assembly, Part
 from jaxgrity.model.balls import Balls
 from jaxgrity.model.bodies import Body, rigid_body
@@ -162,9 +162,17 @@ def _built(
                 unbuilt.add(" ".join(sorted(pair.tags)))
     if unbuilt:
         losses.note(f"pairs that no builder matches are left out, as NTRT does: {', '.join(sorted(unbuilt))}")
-    if wrapping := sum(cable.builder.kind in WRAPPING for cable in strings):
-        losses.lose("wrapping", f"{wrapping} strings are deflected by bodies (tgBasicContactCableInfo or the like)")
+    used = {builder.tags for builder in (*(builder for builder, _ in shapes), *(cable.builder for cable in strings))}
+    if idle := sorted({_tags(each) for each in builders if each not in NTRT_BUILDERS and each.tags not in used}):
+        losses.note(f"builders that match nothing have no effect: {', '.join(idle)}")
+    if wrapping := [cable.builder for cable in strings if cable.builder.kind in WRAPPING]:
+        which = f"(builders.{_tags(wrapping[0])}.class = {wrapping[0].kind!r})"
+        losses.lose("wrapping", f"{len(wrapping)} strings are deflected by bodies {which}")
     return shapes, strings
+
+
+def _tags(builder: Builder) -> str:
+    return " ".join(sorted(builder.tags))
 
 
 def _tied(robot: Built, groups: list[Group], strings: list[Cable], thin: bool, losses: Losses) -> list[Cable]:

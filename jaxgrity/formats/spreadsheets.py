@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -32,6 +33,8 @@ MEMBERS = ("kind", "first", "second", "rest_length_m", "stiffness_N_per_m", "dam
 """Columns of the table of members, with their units."""
 KINDS = ("strut", "cable")
 """Kinds of members."""
+OF_A_ROW = re.compile(r"^structure\.(struts|cables|node_mass)\[(\d+)\]")
+"""A part in messages of structures that has a line in a table."""
 
 
 def table_paths(path: str | Path) -> tuple[Path, Path]:
@@ -62,8 +65,7 @@ def save_tables(scene: Scene, path: str | Path) -> tuple[str, ...]:
             rows.append([name.removesuffix("s"), *map(str, edge), *(cell(column, k) for column in columns)])
     for place, head, content in zip(table_paths(path), (NODES, MEMBERS), (nodes, rows)):
         save_rows(place, head, content)
-    stuck = any(m.stuck for m in structure.members)
-    return (*beside_the_structure(scene), *(["members that are stuck are written as others"] if stuck else []))
+    return beside_the_structure(scene)
 
 
 def save_rows(path: Path, head: Sequence[str], rows: Iterable[Sequence[str | float]]) -> None:
@@ -103,7 +105,7 @@ def read_tables(path: str | Path, columns: Mapping[str, str] | None = None) -> I
         raise InputError(f"{first}: has {len(nodes)} nodes; expected 1 to {MOST_NODES}")
     x = np.array([[finite(row[axis], f"{where}.{axis}") for axis in NODES[:3]] for where, row in nodes])
     mass = np.array([not_negative(row.get("mass_kg") or 0, f"{where}.mass_kg") for where, row in nodes])
-    fixed = tuple((k, row["fixed"].strip()) for k, (_, row) in enumerate(nodes) if row.get("fixed", "").strip())
+    fixed = tuple((k, axes) for k, (where, row) in enumerate(nodes) if (axes := _axes(row.get("fixed", ""), where)))
     kinds: dict[str, list] = {kind: [] for kind in KINDS}
     members = _rows(second, MEMBERS, MEMBERS[:4], names, unused)
     if unused:
@@ -117,7 +119,10 @@ def read_tables(path: str | Path, columns: Mapping[str, str] | None = None) -> I
         check_edges(x, () if struts is None else struts.edges, () if cables is None else cables.edges)
         structure = Structure(x, mass, struts, cables, fixed=fixed)
     except InputError as error:
-        raise InputError(f"{second}: {str(error).removeprefix(f'{second}: ')}") from error
+        rows = {"struts": kinds["strut"], "cables": kinds["cable"], "node_mass": nodes}
+        message = OF_A_ROW.sub(lambda part: rows[part[1]][int(part[2])][0], str(error))
+        known = message.startswith((f"{first}: ", f"{second}: "))
+        raise InputError(message if known else f"{second}: {message}") from error
     return Imported(Scene(structure), ("SI units, z up; nodes count from 0", STRUCTURE_ALONE))
 
 
@@ -169,6 +174,12 @@ def _members(rows: list[tuple[str, dict[str, str]]], kind: str) -> Members | Non
 
 def _column(rows: list[tuple[str, dict[str, str]]], name: str) -> np.ndarray:
     return np.array([not_negative(row.get(name) or 0, f"{where}.{name}") for where, row in rows])
+
+
+def _axes(text: str, where: str) -> str:
+    if not set(axes := text.strip()) <= set("xyz"):
+        raise InputError(f"{where}.fixed = {short(text)}: expected some of x, y and z, or nothing")
+    return axes
 
 
 def _node(text: str, where: str) -> int:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, SolverOptions, simulate
-from jaxgrity.formats import read_mjcf
+from jaxgrity.formats import read_mjcf, save_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -124,19 +124,62 @@ DROPPED = """<mujoco><option timestep="1e-4"/><worldbody><geom type="plane" size
 <body pos="0 0 0.2"><freejoint/><geom size="0.02" mass="0.2" {spring}/></body></worldbody></mujoco>"""
 
 
-@pytest.mark.parametrize("spring", ["", 'solref="0.02 0.7"', 'solref="0.02 2"', 'solref="-10000 -150"'])
-def test_what_contact_gives_back_is_named(spring, read):
-    """Once, for the share of its speed with which a ball that MuJoCo drops bounces off; 14 % by default."""
-    notes = read(prism().replace('type="plane"', f'type="plane" priority="1" {spring}')).notes
-    (said,) = (note for note in notes if note.startswith("contact bounces off the plane at "))
-    model = mujoco.MjModel.from_xml_string(DROPPED.format(spring=spring))
-    data = mujoco.MjData(model)
-    speeds = []
+def bounced(text):
+    """The share of its speed with which the first body of a MuJoCo model bounces off the ground."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data, speeds = mujoco.MjData(model), []
     for _ in range(4000):
         mujoco.mj_step(model, data)
         speeds.append(data.qvel[2])
     hit = int(np.argmin(speeds))
-    assert float(said.split()[6]) == pytest.approx(max(speeds[hit:]) / -speeds[hit], rel=0.05)
+    return max(speeds[hit:]) / -speeds[hit]
+
+
+@pytest.mark.parametrize("spring", ["", 'solref="0.02 0.7"', 'solref="0.02 2"', 'solref="-10000 -150"'])
+def test_what_contact_gives_back_is_named(spring, read):
+    """Once, for the share of its speed with which a ball that MuJoCo drops bounces off; 14 % by default."""
+    scene, notes = read(prism().replace('type="plane"', f'type="plane" priority="1" {spring}'))
+    (said,) = (note for note in notes if note.startswith("contact bounces off the plane at "))
+    assert float(said.split()[6]) == pytest.approx(bounced(DROPPED.format(spring=spring)), rel=0.05)
+    assert scene.ground.restitution is None
+
+
+@pytest.mark.parametrize("spring", ['solref="-5000 -50"', 'solref="0.02 0.2"'])
+@pytest.mark.parametrize("geoms", [ROD, BALLS])
+def test_a_large_rebound_is_the_grounds_restitution(spring, geoms, read, tmp_path):
+    """That of a ball that MuJoCo drops; written, MuJoCo drops a ball as before."""
+    scene, notes = read(prism(geoms=geoms).replace('type="plane"', f'type="plane" priority="1" {spring}'))
+    there = bounced(DROPPED.format(spring=spring))
+    assert 0.3 < there < 0.7
+    assert float(scene.ground.restitution) == pytest.approx(there, rel=0.05)
+    assert any(note.endswith("which is the ground's restitution here") for note in notes)
+    text = save_mjcf(scene, tmp_path / "written.xml").xml
+    solref = text.split('solref="')[1].split('"')[0]
+    assert bounced(DROPPED.format(spring=f'priority="1" solref="{solref}"')) == pytest.approx(there, rel=0.02)
+    assert float(read(text).scene.ground.restitution) == pytest.approx(float(scene.ground.restitution), rel=1e-6)
+
+
+BOUNCING = """<mujoco><option timestep="1e-4"/><worldbody><geom type="plane" size="1 1 1"/><site name="w" pos="0 0 9"/>
+<body pos="0 0 0.3"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>
+<joint type="slide" axis="0 0 1"/><geom size="0.02" mass="0.2" priority="1" solref="-1e6 -800"/><site name="a"/></body>
+</worldbody><tendon><spatial stiffness="9" springlength="0 20"><site site="a"/><site site="w"/></spatial></tendon>
+</mujoco>"""
+
+
+def test_a_ball_bounces_as_in_mujoco(read):
+    """Its height a second later, after several bounces, within the time that contact lasts there."""
+    scene = read(BOUNCING).scene
+    model = mujoco.MjModel.from_xml_string(BOUNCING)
+    data, heights = mujoco.MjData(model), []
+    for _ in range(8000):
+        mujoco.mj_step(model, data)
+        heights.append(0.3 + data.qpos[2])
+    motion = simulate(scene, 0.8, options=SolverOptions(dt=1e-3), frame_rate=100.0)
+    node = int(np.argmin(np.asarray(scene.structure.nodes)[:, 2]))
+    ours = np.asarray(motion.positions[1:, node, 2]) + 0.02
+    theirs = np.array(heights)[99::100]
+    assert np.sum(np.diff(np.sign(np.diff(theirs))) > 0) >= 2  # bounces
+    assert np.abs(ours - theirs[: len(ours)]).max() < 0.01
 
 
 SLIDING = """<mujoco><option cone="{cone}"/><worldbody><geom type="plane" size="1 1 1" friction="0.5"/>
@@ -169,7 +212,7 @@ STEP = '<geom type="box" size="1 1 0.1" pos="1 0 0" contype="1"/>'
 MOVED = '<body mocap="true" pos="1 0 0"><geom type="box" size="1 1 0.1" contype="1"/></body>'
 FLOOR, TENDON, SPRING = 'size="1 1 1"', 'name="c0"', 'stiffness="400"'
 SERVO = '<position tendon="c0" kp="100"/>'
-WEAK = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" forcerange="-20 0"/>'
+WEAK = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" forcerange="-20 20"/>'
 ROLLING = FLOOR + ' condim="6" friction="1 0.005 0.1"'
 STIFF = ' solmix="1e6"'
 SLACK = prism().replace(SPRING, 'stiffness="0"', 1)
@@ -194,7 +237,11 @@ REFUSED = {
     "inside the plane": (prism(above=-0.05), "contact", "inside the plane"),
     "directions": (with_pairs(0.1, prism()).replace('"0.1 0.1"', '"0.1 0.3"', 1), "friction", "along two tangents"),
     "rolling friction": (prism().replace(FLOOR, ROLLING), "friction", "against what rolls, with an arm of 0.1 m"),
-    "a rebound": (prism().replace(FLOOR, FLOOR + STIFF + ' solref="-5000 -2"'), "contact", "at 0.96 times its speed"),
+    "other rebounds": (
+        prism().replace('name="g1"', 'name="g1" priority="1" solref="-5000 -2"'),
+        "contact",
+        "geom g1: bounces off the plane at 0.96 times its speed (solref), and geom g0 at 0.14 times",
+    ),
     "a soft floor": (prism().replace(FLOOR, FLOOR + STIFF + ' solref="0.5 1"'), "contact", "some 0.1 m into the plane"),
     "a limit": (prism().replace(TENDON, TENDON + ' limited="true" range="0 0.3"'), "limits", "limited to 0 to 0.3 m"),
     "dry friction": (prism().replace(TENDON, TENDON + ' frictionloss="1"'), "friction", "tendon c0: dry friction"),
@@ -203,7 +250,7 @@ REFUSED = {
     "air": (prism().replace("<option", '<option density="1.2" viscosity="2e-5"'), "air", "air of 1.2 kg/m^3"),
     "floats": (prism().replace('name="rod1"', 'name="rod1" gravcomp="1"'), "forces", "rod1: gravity compensation"),
     "a motor": (with_actuator(MOTOR, prism()), "actuators", "actuator 0: no spring"),
-    "a servo": (with_actuator(SERVO, prism()), "actuators", "actuator 0: no spring"),
+    "a servo": (with_actuator(SERVO, SLACK), "actuators", "actuator 0: has the rest length 0 at control 0"),
     "a weak spring": (with_actuator(WEAK, SLACK), "limits", "limited to the -20 N of the start"),
 }  # fmt: skip
 
@@ -219,21 +266,46 @@ def test_another_motion_is_refused_unless_it_may_be(text, kind, reason, read):
     assert any(note.startswith("dropped: ") and reason in note for note in found.notes)
 
 
+LINES = {
+    "air": ("<option", '<option density="1.2"', "line 1: air of 1.2 kg/m^3"),
+    "gravity": ("<option", '<option gravity="1 0 -9"', "line 1: gravity is [1.0, 0.0, -9.0] m/s^2; expected"),
+    "flags": ("<worldbody>", '\n<option><flag spring="disable"/></option><worldbody>', "line 2: option flag spring is"),
+    "the plane": (FLOOR, FLOOR + ' euler="20 0 0"', "line 2: the plane's normal is [0.0, "),
+    "bodies": (ROD, ROD + BALL.replace("SIZE", "0.2").replace("MASKS", MEETING), "line 2: bodies rod0 and rod1 touch"),
+    "an equality": (
+        "</mujoco>",
+        '\n<equality><tendon name="e" tendon1="c0"/></equality></mujoco>',
+        f"line {2 + prism().count(chr(10))}: equality e: a tendon is not read; expected connect or weld",
+    ),
+}
+
+
+@pytest.mark.parametrize(("old", "new", "said"), LINES.values(), ids=LINES)
+def test_refusals_name_the_line(old, new, said, read):
+    """Of elements without a name, too."""
+    text = prism(geoms=new) if old == ROD else prism().replace(old, new, 1)
+    with pytest.raises(InputError) as caught:
+        read(text)
+    assert f"robot.xml: {said}" in str(caught.value)
+
+
 def test_what_has_no_effect_is_a_note(read):
     """Lags, keyframes, bodies that are not joined, damping while slack."""
     spring = '<general tendon="c0" gainprm="600" biastype="affine" biasprm="60 -600 -6" {more}/>'
-    lagging = spring.format(more='dyntype="filter" dynprm="0.1" forcerange="-900 0"')
+    lagging = spring.format(more='dyntype="filter" dynprm="0.1" forcerange="-900 900"')
     text = with_actuator(lagging, SLACK)
     text = text.replace("</mujoco>", '<keyframe><key time="1"/></keyframe></mujoco>')
     scene, notes = read(text)
     for said in (
         "actuator 0: lags behind its control there",
-        "its force is limited to -900 to 0 N there",
+        "its force is limited to -900 to 900 N there",
         "1 keyframes are not read",
         "the damping of tendons acts there while they are slack, too",
     ):
         assert any(said in note for note in notes), said
-    assert scene.structure.cables.damping[-1] == 2
+    (dampers,) = scene.terms  # of cables that go slack in the motion that MuJoCo is asked for
+    assert (scene.structure.cables.damping + dampers.damping).tolist() == pytest.approx([6 + 2, *[2] * 8])
+    assert 0 < np.count_nonzero(dampers.damping) < 9
     # the control that is nearest to 0 within its range counts
     filtered = 'dyntype="filter" dynprm="0.1" actlimited="true" actrange="0.05 0.2"'
     for more in ('ctrlrange="0.05 0.2"', filtered):
@@ -243,6 +315,12 @@ def test_what_has_no_effect_is_a_note(read):
     assert (
         "1 bodies that no tendon moves are left out: other" in read(prism().replace("<body", other + "<body", 1)).notes
     )
+
+
+def test_dry_friction_that_is_disabled_is_no_loss(read):
+    """By the option's flag, as in public models of a real robot."""
+    text = prism().replace(TENDON, TENDON + ' frictionloss="1"')
+    read(text.replace("<worldbody>", '<option><flag frictionloss="disable"/></option><worldbody>', 1))
 
 
 def test_kinds_that_may_be_dropped_are_named(read):

@@ -115,7 +115,7 @@ def test_actuators_without_force_are_named(tmp_path):
     motor = '<actuator><motor name="m" tendon="t" ctrlrange="-5 0" ctrllimited="true"/></actuator>'
     text = model(body(), last=motor).replace("<spatial ", '<spatial name="t" ')
     scene, notes = found(tmp_path, text)
-    assert "1 actuators have no force at control 0, and are left out: m" in notes
+    assert "1 actuators have no force at the start's controls, and are left out: m" in notes
     assert "controls change the rest lengths of 1 members by -25% to 0%: [gait] members = [0]" in notes, "5 N by 50 N/m"
     np.testing.assert_array_equal(scene.structure.cables.stiffness, [50])
     two = text.replace("</actuator>", '<motor tendon="t" ctrlrange="-5 0" ctrllimited="true"/></actuator>')
@@ -205,8 +205,8 @@ def test_what_is_said_of_many_parts_is_said_once(tmp_path):
 def test_all_that_would_be_lost_is_refused_at_once(tmp_path):
     """With the kinds to drop: the file is then read."""
     text = model(body(turn='gravcomp="1"')).replace('springlength="0 0.4"', 'limited="true" range="0 0.5"')
-    said = r"tendon 0: its length is limited to 0 to 0.5 m; body a: gravity compensation, which would be lost; drop="
-    with pytest.raises(InputError, match=said + r"\['limits', 'forces'\], or --drop limits forces, reads"):
+    said = r"tendon 0: its length is limited to 0 to 0.5 m; line 2: body a: gravity compensation, which would be lost; "
+    with pytest.raises(InputError, match=said + r"drop=\['limits', 'forces'\], or --drop limits forces, reads"):
         found(tmp_path, text)
     notes = found(tmp_path, text, drop=["limits", "forces"]).notes
     assert sum(note.startswith("dropped: ") for note in notes) == 2

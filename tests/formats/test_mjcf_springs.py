@@ -43,9 +43,14 @@ def found(folder, text, **how):
 
 
 def moved(text, steps):
-    """Places of the sites, m, and the lengths of tendons, m, (steps, tendons), along a motion of MuJoCo."""
+    """Places of the sites, m, and the lengths of tendons, m, (steps, tendons), along a motion of MuJoCo.
+
+    It starts in the model's keyframe, if there is one, and keeps the controls of that.
+    """
     there = mujoco.MjModel.from_xml_string(text)
     data, lengths = mujoco.MjData(there), []
+    if there.nkey:
+        mujoco.mj_resetDataKeyframe(there, data, 0)
     mujoco.mj_forward(there, data)
     start = data.site_xpos.copy()
     for _ in range(steps):
@@ -148,7 +153,9 @@ def test_a_limit_that_is_reached_is_refused_with_what_to_write(tmp_path):
     with pytest.raises(InputError, match=said):
         found(tmp_path, text.format(3))
     notes = found(tmp_path, text.format(9)).notes
-    assert any("9 m there, not reached within 0.5 s without controls, and not at all here" in note for note in notes)
+    assert any(
+        "9 m there, not reached within 0.5 s at constant controls, and not at all here" in note for note in notes
+    )
 
 
 def test_cables_that_a_gait_moves_keep_their_dampers(reference, tmp_path):
@@ -170,3 +177,97 @@ def test_cables_that_a_gait_moves_keep_their_dampers(reference, tmp_path):
     again = read_mjcf(tmp_path / "robot.xml").scene
     assert len(again.structure.struts.edges) == 7  # the first cable pushes and pulls
     np.testing.assert_array_equal(again.terms[1].damping, [1, 2, 3 + 8, *range(4, 24)])
+
+
+def test_cables_that_go_slack_are_damped_as_there(tmp_path):
+    """By a damper, which acts then, too; a cable that stays taut keeps its damping."""
+    slack = PULLING.replace('"1"', '"4"')
+    text = model(POINT, [("a0 b0", slack), ("w a0", PULLING), ("w b0", PULLING), ("v a0", PULLING), ("u b0", PULLING)])
+    scene, notes = found(tmp_path, text)
+    (dampers,) = scene.terms
+    error, lengths = largest_error(scene, ends(scene, SolverOptions(method="dopri8")), text)
+    loose = lengths.min(0) < 1.2
+    assert 0 < loose.sum() < 5
+    np.testing.assert_array_equal(dampers.damping, np.where(loose, [4, 1, 1, 1, 1], 0))
+    np.testing.assert_array_equal(scene.structure.cables.damping, np.where(loose, 0, [4, 1, 1, 1, 1]))
+    assert error < 1e-6
+    assert any(note.startswith("the damping of tendons acts there while") for note in notes)
+
+
+SERVOS = """<actuator><position name="s0" tendon="t0" kp="60" kv="1"/>
+<position name="s1" tendon="t1" kp="80" forcelimited="true" forcerange="-900 0"/>
+<intvelocity name="s2" tendon="t2" kp="50" actrange="0.2 1.5"/></actuator>"""
+KEY = '<keyframe><key name="up" qpos="0 0 0 0.1 -0.1 0.2" ctrl="0.9 0.4 0" act="0.7"/></keyframe>'
+
+
+def test_servos_have_the_rest_lengths_of_a_keyframe(tmp_path):
+    """Plain `position` servos at the keyframe's controls, one that integrates them at its activation: as in MuJoCo."""
+    taut = [("v a0", PULLING.replace("60", "70")), ("u b0", PULLING.replace("60", "90"))]
+    text = model(POINT, [("a0 b0", ""), ("w a0", ""), ("w b0", ""), *taut])
+    text = text.replace("</mujoco>", f"{SERVOS}{KEY}</mujoco>")
+    scene, notes = found(tmp_path, text, keyframe="up")
+    structure = scene.structure
+    rest = {k: float(L) for members in structure.members for k, L in zip(members.stiffness, members.rest_length)}
+    assert rest == pytest.approx({60.0: 0.9, 80.0: 0.4, 50.0: 0.7, 70.0: 1.2, 90.0: 1.2})
+    error, _ = largest_error(scene, ends(scene, SolverOptions(method="dopri8")), text)
+    assert error < 1e-8
+    assert not any("are left out" in note for note in notes)
+
+
+def test_controls_of_a_keyframe_that_are_forces_are_refused(tmp_path):
+    """A motor's constant force has no counterpart, and a servo without a control says what it lacks."""
+    springs = [("a0 b0", PULLING), ("w a0", PULLING)]
+    motor = '<actuator><motor name="m" tendon="t0" ctrlrange="-9 9"/></actuator>'
+    key = '<keyframe><key name="up" ctrl="-3"/></keyframe></mujoco>'
+    text = model(POINT, springs).replace("</mujoco>", motor + key)
+    assert "1 actuators have no force at the start's controls, and are left out: m" in found(tmp_path, text).notes
+    with pytest.raises(InputError, match="actuator m: has a force of its own at its control -3 in the keyframe, which"):
+        found(tmp_path, text, keyframe="up")
+    servo = '<actuator><position name="p" tendon="t1" kp="9"/></actuator></mujoco>'
+    text = model(POINT, [*springs[1:], ("a0 b0", "")]).replace("</mujoco>", servo)
+    with pytest.raises(InputError, match="actuator p: has the rest length 0 at control 0; expected a ctrlrange above"):
+        found(tmp_path, text)
+
+
+def test_limits_of_force_of_servos_that_only_pull(tmp_path):
+    """A motor that yields, as the limit there: some of the time at the limit, some below it."""
+    text = model(POINT, [("a0 b0", PULLING), ("w a0", ""), ("w b0", ""), ("v a0", PULLING), ("u b0", PULLING)])
+    servo = '<position tendon="t{}" kp="{}" ctrlrange="0.2 9" forcerange="-{} 0"/>'
+    text = text.replace(
+        "</mujoco>", f"<actuator>{servo.format(1, 80, 150)}{servo.format(2, 70, 2e6)}</actuator></mujoco>"
+    )
+    scene, notes = found(tmp_path, text)
+    assert scene.terms[0].largest.tolist() == pytest.approx([1e30, 150, 1e30, 1e30, 1e30])
+    assert not any("limited" in note for note in notes)
+    error, lengths = largest_error(scene, ends(scene, SolverOptions(method="dopri8")), text)
+    force = 80 * (lengths[:, 1] - 0.2)
+    assert force.min() < 150 < force.max()
+    assert error < 1e-6
+    assert "line 1: actuator" not in str(notes)
+    save_scene(scene, tmp_path / "again.toml")
+    np.testing.assert_array_equal(load_scene(tmp_path / "again.toml").terms[0].largest, scene.terms[0].largest)
+
+
+def test_a_spring_and_a_servo_on_one_tendon(tmp_path):
+    """Both push and pull: one spring with their stiffness, which controls move less. One that only pulls is refused."""
+    both = 'stiffness="60" damping="1" springlength="1.2"'
+    text = model(POINT, [("a0 b0", both), ("w a0", PULLING), ("w b0", PULLING), ("v a0", PULLING), ("u b0", PULLING)])
+    servo = '<position name="p" tendon="t0" kp="20" kv="2" ctrlrange="-1 0"/>'
+    driven = text.replace("</mujoco>", f"<actuator>{servo}</actuator></mujoco>")
+    scene, notes = found(tmp_path, driven)
+    struts = scene.structure.struts
+    assert (struts.stiffness[0], struts.rest_length[0], struts.damping[0]) == pytest.approx((80, 60 * 1.2 / 80, 3))
+    assert any("of 1 members by -28% to 0%" in note for note in notes)  # -1 m times 20/80, of 0.9 m
+    error, _ = largest_error(scene, ends(scene, SolverOptions(method="dopri8")), driven)
+    assert error < 1e-8
+    with pytest.raises(InputError, match="tendon t0: has a spring and a servo, of which one only pulls; expected one"):
+        found(tmp_path, driven.replace(both, PULLING))
+    with pytest.raises(InputError, match="tendon t0: has a spring and a servo, of which one only pulls; expected one"):
+        found(tmp_path, driven.replace('kv="2"', 'forcerange="-9 0"'))
+    # a second servo adds to the first one
+    twice = driven.replace("</actuator>", servo.replace('"p"', '"q"').replace("-1 0", "0.3 1") + "</actuator>")
+    struts = found(tmp_path, twice).scene.structure.struts
+    assert (struts.stiffness[0], struts.rest_length[0], struts.damping[0]) == pytest.approx((100, 0.78, 5))
+    pulling = twice.replace('name="p"', 'name="p" forcerange="-9 0"')
+    with pytest.raises(InputError, match="actuator q: is one of several servos of its tendon, of which one only pulls"):
+        found(tmp_path, pulling)

@@ -52,6 +52,17 @@ def test_prism():
     assert (scene.ground.balls, float(scene.friction.mu)) == (None, 0.9 * 0.5)  # the rods' times that of NTRT's ground
 
 
+def test_builders_that_match_nothing_are_named(tmp_path):
+    """A misspelt tag leaves NTRT's own string in place, with its stiffness: so a note says so."""
+    text = (DATA / "prism.yaml").read_text()
+    assert not any("match nothing" in note for note in read_ntrt(DATA / "prism.yaml").notes)
+    (tmp_path / "robot.yaml").write_text(
+        text + "  horizonal string: {class: tgBasicActuatorInfo, parameters: {stiffness: 9}}\n"
+    )
+    found = read_ntrt(tmp_path / "robot.yaml")
+    assert "builders that match nothing have no effect: horizonal string" in found.notes
+
+
 def test_the_unit_of_length_can_be_another():
     """Masses and stiffness do not depend on it; lengths and forces do."""
     small, large = (read_ntrt(DATA / "prism.yaml", unit, ["radius"]).scene.structure for unit in (0.1, 1.0))
@@ -186,7 +197,7 @@ REFUSED = {
     "wrapping": (
         "nodes: {a: [0, 0, 0], b: [1, 0, 0], c: [0, 9, 0]}\npair_groups: {rod: [[a, b]], string: [[a, b]]}\n"
         "builders: {string: {class: tgBasicContactCableInfo}}",
-        "1 strings are deflected by bodies (tgBasicContactCableInfo or the like), which would be lost; "
+        "1 strings are deflected by bodies (builders.string.class = 'tgBasicContactCableInfo'), which would be lost; "
         "drop=['wrapping'], or --drop wrapping,",
     ),
     "too tight": (

@@ -164,7 +164,21 @@ def test_tables_there_and_back(text, tmp_path):
         ("x_m,y_m,z_m\n0,0\n", "", "robot.nodes.csv: line 2 has 2 cells; expected 3"),
         ("x_m,y_m,z_m\n0,0,inf\n", "", "robot.nodes.csv: line 2.z_m = 'inf': expected a finite number"),
         ("x_m,y_m,z_m,mass_kg\n0,0,0,1\n", "rope,0,1,1,1\n", "line 2.kind = 'rope': expected strut or cable"),
-        ("x_m,y_m,z_m,mass_kg\n0,0,0,1\n", "cable,0,1,1,1\n", "there is no node 1; expected 0 to 0"),
+        (
+            "x_m,y_m,z_m,mass_kg\n0,0,0,1\n1,0,0,1\n0,1,0,1\n",
+            "cable,0,1,1,1\nstrut,0,2,1,1\ncable,1,7,1,1\n",
+            "robot.members.csv: line 4 = [1, 7]: there is no node 7; expected 0 to 2",
+        ),
+        (
+            "x_m,y_m,z_m,mass_kg\n0,0,0,1\n1,0,0,0\n",
+            "cable,0,1,1,1\n",
+            "robot.nodes.csv: line 3 = 0: no member there has mass either; expected some mass",
+        ),
+        (
+            "x_m,y_m,z_m,mass_kg,fixed\n0,0,0,1,\n1,0,0,1,xq\n",
+            "cable,0,1,1,1\n",
+            "robot.nodes.csv: line 3.fixed = 'xq': expected some of x, y and z, or nothing",
+        ),
         ("x_m,y_m,z_m,mass_kg\n0,0,0,1\n", "cable,0,-1,1,1\n", "line 2 joins '-1'; expected the number of a node"),
         ("x_m,y_m,z_m,mass_kg\n0,0,0,1\n1,0,0,1\n", "cable,0,1,1,\n", "stiffness_N_per_m: missing"),
         ("x_m,y_m,z_m,mass_kg\n0,0,0,1\n1,0,0,1\n", "cable,0,1,0,1\n", "rest_length_m = '0': expected a positive"),
@@ -347,3 +361,36 @@ def test_load_cases_are_named_among_what_is_lost(name, tmp_path):
     scene = replace(load_scene("reference"), loads=(LoadCase("down", (0,), [[0.0, 0.0, -1.0]]),))
     assert any("load cases" in note for note in write_any(scene, tmp_path / name))
     assert not any("load cases" in note for note in write_any(replace(scene, loads=()), tmp_path / name))
+
+
+LIMITED = """
+[structure]
+kind = "prism"
+mass = 1.0
+[struts]
+material = "steel"
+diameter = 0.01
+[cables]
+stiffness = 1e3
+prestrain = 0.1
+stuck = [2]
+largest_force = 90.0
+"""
+
+
+@pytest.mark.parametrize("name", ["robot.csv", "robot.mat", "robot.urdf", "robot.yaml", "robot.xml"])
+def test_laws_and_strength_are_named_among_what_is_lost(name, tmp_path):
+    """By their names, since files of other programs hold stiffness and mass alone."""
+    scene = parse_scene(LIMITED)
+    said = " ".join(write_any(scene, tmp_path / name))
+    lost = ["largest force of cables", "strength of members"]
+    if name != "robot.xml":  # which has no gait, and so no members that are stuck
+        lost.append("that members are stuck")
+    assert all(part in said for part in lost)
+    cables = replace(scene.structure.cables, stuck=())
+    plain = replace(scene.structure, cables=cables, struts=replace(scene.structure.struts, **dict.fromkeys(STRENGTH)))
+    said = " ".join(write_any(replace(scene, structure=plain, terms=()), tmp_path / name))
+    assert not any(part in said for part in lost)
+
+
+STRENGTH = ("yield_force", "bending_stiffness")
