@@ -1,16 +1,17 @@
-"""The constraints of one step with coupled nodes: rigid struts and bodies, ground, and struts that touch each other.
+"""The constraints of one step with coupled nodes: rigid struts and bodies, slides, ground, and struts that touch.
 
 Unknown are the velocities of the independent nodes; points of bodies follow them.
 """
 
+from functools import partial
 from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.primitives import edge_vectors, place_rows
-from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
+from jaxgrity.core.primitives import accumulate, edge_vectors, place_rows
+from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, Scalar, State
 from jaxgrity.model.body_points import carrying, following, independent_nodes
 from jaxgrity.model.capsules import Capsules
 from jaxgrity.model.ground import ExactGround
@@ -18,6 +19,7 @@ from jaxgrity.model.inertia import mobility
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import lines_at, slides_of
 from jaxgrity.model.surface import Frame, frame_axes
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
 from jaxgrity.stepping.capsules import TouchingPoints, capsules_of, ends_of, of_points, weights_of
@@ -34,19 +36,38 @@ SLOW = 1e-2
 since a robot at rest needs a tolerance too."""
 
 
+class Sliding(NamedTuple):
+    """The frames of lines along which nodes slide at the start of a step, two rows for each node."""
+
+    across: MemberVectors
+    """(rows, 3), n"""
+    along: MemberVectors
+    """(rows, 3), u"""
+    ends: AnyArray
+    """(rows, nodes), by how much each node moves b - a, from one node of the line to the other"""
+    line: MemberVectors
+    """(rows, 3), (b - a)/h, m/s"""
+
+
 class Constraints(NamedTuple):
-    """The constraints of one step on the independent nodes, here called nodes."""
+    """The constraints of one step on the independent nodes, here called nodes.
+
+    Sliding nodes have two rows each after those of the struts.
+    """
 
     mobility: AnyArray
     """(nodes, nodes, 3), 1/kg"""
     start: NodeVectors
     """w0, m/s: velocities without impulses"""
     ends: AnyArray
-    """(struts, nodes): by how much each node moves the first end of a rigid strut against the second"""
+    """(struts, nodes): by how much each node moves the first end of a rigid strut against the second, or a sliding node
+    against its place on the line at the start"""
     apart: Any
-    """(struts, 3), (x_i - x_j)/h of the rigid struts, m/s; None: there are none"""
+    """(struts, 3), (x_i - x_j)/h of the rigid struts, e/h of sliding nodes, m/s; None: there are none"""
     goal: Any
-    """(struts,), L/h, m/s; likewise"""
+    """(struts,), L/h, or 0, m/s; likewise"""
+    sliding: Sliding | None
+    """None: no node slides"""
     contact: Contact | None
     """c, m/s, and mu"""
     frame: AnyArray
@@ -70,19 +91,48 @@ def constraints_of(
     structure, nodes = scene.structure, moving_nodes(scene)
     own = mobility(structure) if structure.mobility is None else structure.mobility
     own = own if len(nodes) == len(q) else own[nodes[:, None], nodes]
-    edges, apart, goal = rigid_pairs(scene), None, None
-    if edges:
-        apart, goal = edge_vectors(placed_by_bodies(scene, q), edges) / h, rigid_lengths(scene, t1) / h
+    ends, apart, goal, sliding = _links(scene, h, t1, placed_by_bodies(scene, q))
     slow = jnp.asarray(SLOW * speed_scale(scene), q.dtype)
     return Constraints(
         own,
         start[nodes],
-        jnp.asarray(_carried(scene, signs_of_ends(scene)), q.dtype),
+        ends,
         apart,
         goal,
+        sliding,
         *_contacts(scene, h, state, touching),
         jnp.max(jnp.abs(start)) + slow,
     )
+
+
+def _links(
+    scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors
+) -> tuple[AnyArray, AnyArray | None, AnyArray | None, Sliding | None]:
+    """`ends`, `apart`, `goal` and `sliding` of the `Constraints`."""
+    edges, slides, carried = rigid_pairs(scene), slides_of(scene), partial(_carried, scene)
+    ends = jnp.asarray(carried(signs_of_ends(scene)), q.dtype)
+    if slides is None and not edges:
+        return ends, None, None, None
+    apart, goal = jnp.zeros((0, 3), q.dtype), jnp.zeros(0, q.dtype)
+    if edges:
+        apart, goal = edge_vectors(q, edges) / h, rigid_lengths(scene, t1) / h
+    if slides is None:
+        return ends, apart, goal, None
+    lines = lines_at(slides, q)
+    ends = jnp.concatenate([ends, carried(lines.weights)])
+    apart = jnp.concatenate([apart, lines.weights @ q / h])
+    goal = jnp.concatenate([goal, jnp.zeros(len(lines.across), q.dtype)])
+    moved = jnp.asarray(carried(lines.ends), q.dtype)
+    return ends, apart, goal, Sliding(lines.across, lines.along, moved, lines.line / h)
+
+
+def links_on_nodes(scene: Scene, q: NodeVectors, pulls: MemberVectors) -> NodeVectors:
+    """N s, of all nodes, of the impulses `pulls` of rigid struts and sliding nodes, in the rows of the `Constraints`."""
+    edges, slides = rigid_pairs(scene), slides_of(scene)
+    found = accumulate(pulls[: len(edges)], edges, len(q)) if edges else jnp.zeros_like(q)
+    if slides is None:
+        return found
+    return found + lines_at(slides, placed_by_bodies(scene, q)).weights.T @ pulls[len(edges) :]
 
 
 def moving_nodes(scene: Scene) -> np.ndarray:
