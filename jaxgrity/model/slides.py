@@ -120,6 +120,12 @@ def lines_at(slides: Slides, q: NodeVectors) -> Lines:
     return Lines(weights[twice], across, u[twice], ends[twice], line[twice])
 
 
+def check_no_slides(scene: Any, what: str) -> None:
+    """Raises `InputError` where nodes slide, which `what` does not know."""
+    if (slides := slides_of(scene)) is not None:
+        raise InputError(f"{what}: knows no sliding nodes yet, here {list(slides.nodes)}; expected a scene without")
+
+
 def check_slides(scene: Any) -> None:
     """Raises `InputError` for lines that neither a strut nor a rigid body has, and for nodes that cannot slide."""
     laws = [law for law in scene.terms if isinstance(law, Slides)]

@@ -11,6 +11,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerRow
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import check_no_slides
 from jaxgrity.model.springs import as_springs, spring_forces
 from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.equilibrium import resting_shape
@@ -155,6 +156,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
                 f"{term.name}: the report on a structure knows linear springs alone; expected a scene without, or "
                 "`resting_shape` and `vibration_modes`, which know all of U"
             )
+    check_no_slides(scene, "inspect_structure")
     loaded = bool(structure.fixed)
     alone = Scene(structure, gravity=scene.gravity if loaded else None, up=scene.up)
     given = np.asarray(structure.nodes, float)

@@ -13,6 +13,7 @@ from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.laws import Configuration, EnergyTerm
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import check_no_slides
 from jaxgrity.model.springs import as_springs
 from jaxgrity.model.structure import edge_lengths
 from jaxgrity.statics.form_finding import equilibrium_matrix
@@ -39,7 +40,8 @@ class _AsBuilt(EnergyTerm):
 
 
 def with_spring_struts(scene: Scene, stiff: float | None = None) -> Scene:
-    """The scene with stiff springs for rigid struts (`as_springs`). Raises `InputError` on exact contact."""
+    """The scene with stiff springs for rigid struts (`as_springs`). Raises `InputError` on exact contact, or slides."""
+    check_no_slides(scene, "statics")
     if scene.ground is not None and scene.ground.impulsive:
         raise InputError("statics needs forces, and exact contact has none; expected penalty contact, or no ground")
     structure, first = as_springs(scene.structure, stiff)[0], scene.structure.first_cable

@@ -127,7 +127,7 @@ def _links(
 
 
 def links_on_nodes(scene: Scene, q: NodeVectors, pulls: MemberVectors) -> NodeVectors:
-    """N s, of all nodes, of the impulses `pulls` of rigid struts and sliding nodes, in the rows of the `Constraints`."""
+    """N s, of all nodes, from impulses on rigid struts' first ends and on sliding nodes, as in `Impulses`."""
     edges, slides = rigid_pairs(scene), slides_of(scene)
     found = accumulate(pulls[: len(edges)], edges, len(q)) if edges else jnp.zeros_like(q)
     if slides is None:
