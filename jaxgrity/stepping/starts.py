@@ -96,7 +96,8 @@ def check_velocities(scene: Scene, start: State, since: Scalar, constrained: boo
     if slides is None:
         return
     with jax.enable_x64(True), evaluated():
-        leaving = np.asarray(_leaving((jnp.asarray(q), jnp.asarray(v)), slides)).reshape(-1, 2).max(1)
+        leaving = np.asarray(_leaving((jnp.asarray(q), jnp.asarray(v)), slides))
+    leaving = np.linalg.norm(leaving.reshape(-1, 2), axis=1)
     if leaving.max() > most:
         k = int(leaving.argmax())
         raise InputError(
