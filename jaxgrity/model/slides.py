@@ -67,8 +67,7 @@ class Slides(Constraint):
         return moved == slides
 
     def directions(self, q, size):
-        with jax.enable_x64(True), evaluated():
-            lines = jax.tree.map(np.asarray, lines_at(self, jnp.asarray(np.asarray(q, float))))
+        lines = known_lines(self, q)
         nodes = np.array([(k, *pair) for k, pair in zip(self.nodes, self.along)]).repeat(2, axis=0)
         each = np.take_along_axis(lines.weights, nodes, axis=1)
         return rows_on_nodes(each[:, :, None] * lines.across[:, None], nodes, q.size)
@@ -118,6 +117,12 @@ def lines_at(slides: Slides, q: NodeVectors) -> Lines:
     across = jnp.stack(frame_about(u[:, 0], u[:, 1], u[:, 2]).tangents, axis=1).reshape(-1, 3)
     twice = rows.repeat(2)
     return Lines(weights[twice], across, u[twice], ends[twice], line[twice])
+
+
+def known_lines(slides: Slides, q: np.ndarray) -> Lines:
+    """`lines_at` known positions q, m, as arrays of NumPy in float64."""
+    with jax.enable_x64(True), evaluated():
+        return Lines(*map(np.asarray, lines_at(slides, jnp.asarray(np.asarray(q, float)))))
 
 
 def check_no_slides(scene: Any, what: str) -> None:

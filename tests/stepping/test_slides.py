@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from jaxgrity import (
@@ -24,7 +25,7 @@ from jaxgrity import (
 from jaxgrity.model import Slides, energy_of_motion, rigid_body
 from jaxgrity.stepping import final_state, resolve
 from jaxgrity.stepping.dynamics import angular_momentum
-from jaxgrity.stepping.step_limits import stable_step
+from jaxgrity.stepping.linearised import linearise
 
 ROD, BEAD, LENGTH, G = 2.0, 0.5, 1.0, 9.81
 """kg, kg, m, m/s^2"""
@@ -235,14 +236,29 @@ def test_derivatives_are_those_of_differences():
     np.testing.assert_allclose(jax.jit(jax.grad(end))(x), expected, rtol=1e-6)
 
 
-def test_the_stable_step_knows_slides():
-    """A spring that pulls a bead across its rail limits no step; one along it does, as by w = sqrt(K/m)."""
-    nodes, rail = np.array([[0, 0, 0], [1.0, 0, 0], [0.5, 0, 0], [0.5, 0, 1.0], [0.5, 1.0, 0]]), ((0, 1),)
-    held = tuple((k, "xyz") for k in (0, 1, 3, 4))
-    sideways = Members(((2, 3), (2, 4)), [4e4, 4e4], [1.0, 1.0])
-    structure = Structure(nodes, [0, 0, 1.0, 0, 0], Members(rail, [1.0], [1.0]), sideways, held)
-    free = Scene(structure)
-    across = Scene(structure, terms=(ONE,))
-    state = nodes, 0 * nodes
-    assert stable_step(free, state, "rk4") == pytest.approx(2 * 2**0.5 / 200, rel=0.01)
-    assert stable_step(across, state, "complementarity") == np.inf
+def test_small_motions_know_that_slides_turn():
+    """A rod on a pivot carries a bead that springs hold: the bead's weight along the rod grows as it turns."""
+    nodes = np.array([[0, 0, 0], [1.0, 0, 0], [0.6, 0, 0], [1.0, 0, -1.0], [-1.0, 0, 0]])
+    pull = (ROD / 2 + 0.6 * BEAD) * G
+    held = Members(((1, 3), (2, 4)), [400.0, 50.0], [1 + pull / 400, 1.6])
+    joint = Structure(
+        nodes,
+        [0, 0, BEAD, 0, 0],
+        Members(((0, 1), *held.edges), [1e9, *held.stiffness], [1.0, *held.rest_length], mass=[ROD, 0, 0]),
+        fixed=((0, "xyz"), (1, "y"), (2, "y"), (3, "xyz"), (4, "xyz")),
+    )
+    linear = linearise(Scene(joint, gravity=G, terms=(ONE,)), (nodes, 0 * nodes))
+
+    def energy(y):
+        angle, r = y
+        along = jnp.array([jnp.cos(angle), 0, jnp.sin(angle)])
+        first, second = (jnp.linalg.norm(x - nodes[k]) for x, k in ((along, 3), (r * along, 4)))
+        springs = 400.0 * (first - held.rest_length[0]) ** 2 / 2 + 50.0 * (second - 1.6) ** 2 / 2
+        return springs + (ROD / 2 + BEAD * r) * G * jnp.sin(angle)
+
+    at = jnp.array([0.0, 0.6])
+    np.testing.assert_allclose(jax.grad(energy)(at), 0, atol=1e-9)
+    mass = np.diag([ROD / 3 + BEAD * 0.36, BEAD])
+    expected = np.sqrt(eigh(jax.hessian(energy)(at), mass, eigvals_only=True))
+    found = np.sort(np.abs(np.linalg.eigvals(linear.stiffness))) ** 0.5
+    np.testing.assert_allclose(found[:2], expected, rtol=1e-5)
