@@ -76,7 +76,7 @@ def test_a_start_beside_the_line_is_refused():
     off, beyond = NODES.copy(), NODES.copy()
     off[2] += [-0.006, 0, 0.008]
     beyond[2] = -2 * NODES[1]
-    with pytest.raises(InputError, match="node 2 starts 0.01 m beside the line through nodes \\[0, 1\\]; expected on"):
+    with pytest.raises(InputError, match=r"node 2 starts 0\.01 m beside the line through nodes \[0, 1\]; expected on"):
         resolve(scene_of(Slides((2,), ((0, 1),)), off), options=SolverOptions(dt=1e-3))
     np.testing.assert_allclose(Slides((2,), ((0, 1),)).gaps(beyond, 0.0), 0, atol=1e-15)
     np.testing.assert_allclose(Slides((2,), ((0, 1),)).gaps(jnp.asarray(off), 0.0), 0.01, atol=1e-7)
