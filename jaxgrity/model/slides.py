@@ -106,16 +106,15 @@ def slides_of(scene: Any) -> Slides | None:
 
 def lines_at(slides: Slides, q: NodeVectors) -> Lines:
     """The constraints where nodes are at q, m."""
-    rows, (first, last) = np.arange(len(slides.nodes)), map(list, zip(*slides.along))
-    unit = np.eye(len(q))
+    (first, last), unit = map(list, zip(*slides.along)), np.eye(len(q), dtype=q.dtype)
     ends = unit[last] - unit[first]
     line = q[np.array(last)] - q[np.array(first)]
     size = jnp.sqrt(jnp.sum(line * line, axis=1, keepdims=True))
     u = line / size
     share = jnp.sum(u * (q[np.array(slides.nodes)] - q[np.array(first)]), axis=1, keepdims=True) / size
-    weights = (unit[list(slides.nodes)] - unit[first]).astype(q.dtype) - share * ends.astype(q.dtype)
+    weights = unit[list(slides.nodes)] - unit[first] - share * ends
     across = jnp.stack(frame_about(u[:, 0], u[:, 1], u[:, 2]).tangents, axis=1).reshape(-1, 3)
-    twice = rows.repeat(2)
+    twice = np.arange(len(first)).repeat(2)
     return Lines(weights[twice], across, u[twice], ends[twice], line[twice])
 
 
