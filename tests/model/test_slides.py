@@ -150,7 +150,7 @@ def test_bad_tables_are_refused(old, new, words):
         ),
         (
             lambda scene: simulate(scene, 0.1, options=SolverOptions(method="verlet")),
-            "this scene has rigid struts or exact contact",
+            "method = 'verlet': this scene has sliding nodes; expected 'complementarity'",
         ),
     ],
 )
