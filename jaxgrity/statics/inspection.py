@@ -145,7 +145,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
         >>> report.summary()["rank"], report.summary()["states_of_self_stress"], report.summary()["mechanisms"]
         (29, 1, 1)
     """
-    structure = scene.structure
+    structure, loaded = scene.structure, bool(scene.structure.fixed)
     if structure.member_count == 0:
         raise InputError(
             "the structure has no members; expected struts or cables, with [struts] and [cables] in a scene file"
@@ -157,7 +157,6 @@ def inspect_structure(scene: Scene) -> StructureReport:
                 "`resting_shape` and `vibration_modes`, which know all of U"
             )
     check_no_slides(scene, "inspect_structure")
-    loaded = bool(structure.fixed)
     alone = Scene(structure, gravity=scene.gravity if loaded else None, up=scene.up)
     given = np.asarray(structure.nodes, float)
     try:

@@ -32,7 +32,9 @@ MASS_RATIO = 50
 """Largest ratio of the masses at a strut's ends at which sweeps are sure to converge on the ground."""
 ROUGH = 1.0
 """Smallest friction coefficient mu at which sweeps may not converge."""
-UNSWEPT = "sweeps handle no rods with mass, supports, bodies, balls or slides, and no contact along or between struts"
+UNSWEPT = (
+    "sweeps handle no rods with mass, supports, bodies or balls, no slides, and no contact along or between struts"
+)
 MOST_SWEEPS = 1000
 """Largest number of sweeps per complementarity step if a tolerance is given."""
 
