@@ -21,7 +21,7 @@ from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors
 from jaxgrity.model.laws import Constraint, rows_on_nodes
 from jaxgrity.model.structure import Structure
-from jaxgrity.model.surface import frame_about
+from jaxgrity.model.surface import frame_about, frame_axes
 
 
 class Slides(Constraint):
@@ -113,7 +113,7 @@ def lines_at(slides: Slides, q: NodeVectors) -> Lines:
     u = line / size
     share = jnp.sum(u * (q[np.array(slides.nodes)] - q[np.array(first)]), axis=1, keepdims=True) / size
     weights = unit[list(slides.nodes)] - unit[first] - share * ends
-    across = jnp.stack(frame_about(u[:, 0], u[:, 1], u[:, 2]).tangents, axis=1).reshape(-1, 3)
+    across = frame_axes(frame_about(u[:, 0], u[:, 1], u[:, 2]))[:, 1:].reshape(-1, 3)
     twice = np.arange(len(first)).repeat(2)
     return Lines(weights[twice], across, u[twice], ends[twice], line[twice])
 
