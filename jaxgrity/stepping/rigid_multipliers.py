@@ -54,7 +54,8 @@ def rigid_pulls(scene: Scene, t: Scalar, state: State, a: NodeVectors) -> PerMem
     for each sliding node, the opposite of its force along `Lines.across`, N."""
     (q, v), edges, slides = state, rigid_pairs(scene), slides_of(scene)
     rate = RETURNS / time_scale(scene)
-    signs, d, wanted = signs_of_ends(scene).astype(q.dtype), jnp.zeros((0, 3), q.dtype), jnp.zeros(0, q.dtype)
+    signs: AnyArray = signs_of_ends(scene).astype(q.dtype)
+    d, wanted = jnp.zeros((0, 3), q.dtype), jnp.zeros(0, q.dtype)
     if edges:
         d, rates = edge_vectors(q, edges), edge_vectors(v, edges)
         off, growing = (dot(d, d) - rigid_lengths(scene, t) ** 2) / 2, dot(d, rates)
@@ -69,8 +70,9 @@ def rigid_pulls(scene: Scene, t: Scalar, state: State, a: NodeVectors) -> PerMem
 def _wanted_of_slides(lines: Lines, state: State, a: NodeVectors, rate: Scalar) -> PerMember:
     """J a, and what it has to balance, of each row, m/s^2."""
     off, growing, wanted = (jnp.sum(lines.across * (lines.weights @ x), axis=1) for x in (*state, a))
-    sliding, turning = jnp.sum(lines.along * (lines.weights @ state[1]), axis=1), lines.ends @ state[1]
-    turning = jnp.sum(lines.across * turning, axis=1) / jnp.sum(lines.along * lines.line, axis=1)
+    sliding = jnp.sum(lines.along * (lines.weights @ state[1]), axis=1)
+    sideways = jnp.sum(lines.across * (lines.ends @ state[1]), axis=1)
+    turning = sideways / jnp.sum(lines.along * lines.line, axis=1)
     return wanted - 2 * turning * sliding + 2 * rate * growing + rate**2 * off
 
 
