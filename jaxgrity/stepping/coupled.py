@@ -203,7 +203,8 @@ def _round(problem: Coupled, root_mass: PerMember, parts: Elimination, found: _F
     f, pulls = found.struts, found.pulls
     if problem.reach is not None:
         w = base + moved(problem.A, from_frames(problem, p))
-    stretch, along = jnp.zeros_like(error), jnp.ones_like(error)
+    stretch: Scalar = jnp.zeros_like(error)
+    along = jnp.ones_like(error)
     if problem.apart is not None:
         more = parts.inverse @ (wanted - parts.J @ moved(problem.A, from_frames(problem, p)).ravel())
         f, pulls = f + parts.units * more[:, None], pulls + more

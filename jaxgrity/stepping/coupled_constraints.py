@@ -113,7 +113,8 @@ def _links(
     ends = jnp.asarray(carried(signs_of_ends(scene)), q.dtype)
     if slides is None and not edges:
         return ends, None, None, None
-    apart, goal = jnp.zeros((0, 3), q.dtype), jnp.zeros(0, q.dtype)
+    apart: AnyArray = jnp.zeros((0, 3), q.dtype)
+    goal: AnyArray = jnp.zeros(0, q.dtype)
     if edges:
         apart, goal = edge_vectors(q, edges) / h, rigid_lengths(scene, t1) / h
     if slides is None:

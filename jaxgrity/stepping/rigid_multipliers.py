@@ -55,7 +55,8 @@ def rigid_pulls(scene: Scene, t: Scalar, state: State, a: NodeVectors) -> PerMem
     (q, v), edges, slides = state, rigid_pairs(scene), slides_of(scene)
     rate = RETURNS / time_scale(scene)
     signs: AnyArray = signs_of_ends(scene).astype(q.dtype)
-    d, wanted = jnp.zeros((0, 3), q.dtype), jnp.zeros(0, q.dtype)
+    d: AnyArray = jnp.zeros((0, 3), q.dtype)
+    wanted: AnyArray = jnp.zeros(0, q.dtype)
     if edges:
         d, rates = edge_vectors(q, edges), edge_vectors(v, edges)
         off, growing = (dot(d, d) - rigid_lengths(scene, t) ** 2) / 2, dot(d, rates)
