@@ -15,7 +15,7 @@ from jaxgrity.identification.parameters import Parameter, check_parameters
 from jaxgrity.identification.recorded_motions import Compared, beside_simulation, recorded_motion
 from jaxgrity.identification.recordings import FEWEST_FRAMES, Recording, read_recording
 from jaxgrity.io.files import save_json
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import linked
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.report import plot
@@ -66,7 +66,7 @@ def main(settings: ValidateSettings) -> None:
         print(f"\n{found.summary()}")
         estimates = [each._asdict() for each in found.estimates]
         facts["identified"] = {"converged": found.converged, "misfit": found.misfit, "estimates": estimates}
-        if rigid_pairs(scene):
+        if linked(scene):
             print("rigid struts leave no start free: errors of the first pose are not in these intervals")
     save_json(settings.out / "summary.json", command_header() | facts)
     plot.save(plot.recorded_figure(scene, compared, CLOSE * size), settings.out / "recorded.png")

@@ -5,7 +5,7 @@ import numpy as np
 
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, NodeVectors, State
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import linked
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.complementarity import Lift
 from jaxgrity.stepping.starts import (
@@ -30,7 +30,7 @@ def possible(scene: Scene, lift: Lift, start: State, *, one: bool, constrained: 
     def impossible(scene: Scene, q: NodeVectors, v: NodeVectors) -> AnyArray:
         finite = jnp.all(jnp.isfinite(q)) & jnp.all(jnp.isfinite(v))
         off = (start_failure(scene, q) != 0) | jnp.any(supports_slip(scene, v, 0.0)) | ~finite
-        return off if constrained or not rigid_pairs(scene) else off | velocities_stretch(scene, (q, v))
+        return off if constrained or not linked(scene) else off | velocities_stretch(scene, (q, v))
 
     off = lift(impossible, ("s", -1, -1))(scene, jnp.asarray(q), jnp.asarray(v))
     if not traced(off):

@@ -171,7 +171,7 @@ def restitution_of(model: Any, back: dict[int, float], losses: Losses) -> float 
 
 
 def contact_spring(restitution: float, time: float) -> list[float]:
-    """The `solref` of contact that gives back such a share of its speed, as stiff as this time constant, s, makes it."""
+    """The `solref` of contact that gives back such a share of its speed, as stiff as one with this time constant, s."""
     low, high = RATIOS
     ratio = float(brentq(lambda x: rebound(x) - float(np.clip(restitution, rebound(high), rebound(low))), low, high))
     return [-1 / time**2, -2 * ratio / time]

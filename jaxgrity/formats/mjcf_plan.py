@@ -19,6 +19,7 @@ from jaxgrity.model.clusters import cables_of
 from jaxgrity.model.contact_twin import penalty_twin
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import check_no_slides
 from jaxgrity.model.structure import Members, Structure
 
 RADIUS = 1e-3
@@ -89,6 +90,7 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
     if structure.cables is not None and structure.cables.pulleys:
         pairs = [list(pulley.between) for pulley in structure.cables.pulleys]
         raise InputError(f"pulleys between cables {pairs}: their wraps cannot be written; expected clusters without")
+    check_no_slides(scene, "this format")
     actuated = actuated_members(structure, scene.gait)
     notes: list[str] = []
     mass, radius = np.asarray(structure.node_mass, float), RADIUS * float(length_scale(scene))

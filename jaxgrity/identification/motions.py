@@ -16,7 +16,7 @@ from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, Time
 from jaxgrity.identification.measurements import Measurement, Values, checked
 from jaxgrity.identification.observations import SeenQuantity
 from jaxgrity.model.actuation import Commands
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import linked
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.discretisation import integrate
@@ -208,7 +208,7 @@ def measured_motion(
 def _check_spread(scene: Scene, starts: Starts) -> None:
     if starts.spread is None and starts.windows > 1:
         raise InputError(f"windows = {starts.windows}, spread = None: expected one window where the start is known")
-    if starts.spread is not None and rigid_pairs(scene):
+    if starts.spread is not None and linked(scene):
         raise InputError("spread: rigid struts and bodies leave no start free; expected None, or struts as springs")
 
 

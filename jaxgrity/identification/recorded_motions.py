@@ -27,6 +27,7 @@ from jaxgrity.model.inertia import independent_coordinates
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.model.slides import check_no_slides
 from jaxgrity.stepping.options import Options
 from jaxgrity.stepping.simulate import with_commands
 
@@ -87,6 +88,7 @@ def recorded_motion(
     Raises:
         InputError: a noise that is not positive, or as `measured_motion`.
     """
+    check_no_slides(scene, "recorded_motion")
     size = float(length_scale(scene))
     noise = NOISE * size if noise is None else check_number("noise", noise, above=0.0, unit="m")
     intervals = len(recording.times) - 1

@@ -1,4 +1,4 @@
-"""The rigid bodies of a scene file, read and written."""
+"""The rigid bodies and the sliding nodes of a scene file, read and written."""
 
 from typing import Annotated
 
@@ -7,8 +7,10 @@ from msgspec import Meta
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors, Supports
-from jaxgrity.io.table_types import Number, Positive, Table
+from jaxgrity.io.table_types import Number, Pair, Positive, Table
 from jaxgrity.model.bodies import Bodies, Body, body_moments, rigid_body
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import Slides, slides_of
 
 PRODUCTS = ((0, 1), (0, 2), (1, 2))
 """The rows and columns of the fourth number of an inertia and of those after it."""
@@ -24,6 +26,24 @@ class BodyTable(Table, kw_only=True):
     """xx, yy, zz, and where they are not 0 xy, xz, yz"""
     centre: tuple[float, float, float] | None = None
     basic: list[Number] = []
+
+
+class SlideTable(Table, kw_only=True):
+    """A node that slides along the line through two others."""
+
+    node: Number
+    along: Pair
+
+
+def build_slides(tables: list[SlideTable]) -> tuple[Slides, ...]:
+    """The law of all sliding nodes; none where there are none. Raises `InputError` for slides that are none."""
+    return (Slides(tuple(t.node for t in tables), tuple(t.along for t in tables)),) if tables else ()
+
+
+def slides_tables(scene: Scene) -> list[SlideTable]:
+    """The sliding nodes' tables of a scene file."""
+    slides = slides_of(scene)
+    return [] if slides is None else [SlideTable(node=k, along=pair) for k, pair in zip(slides.nodes, slides.along)]
 
 
 def build_bodies(tables: list[BodyTable], nodes: np.ndarray, fixed: Supports) -> Bodies:

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.io.bodies import bodies_tables, build_bodies
+from jaxgrity.io.bodies import bodies_tables, build_bodies, build_slides
 from jaxgrity.io.files import found_file, read_text, shipped
 from jaxgrity.io.grounds import build_ground
 from jaxgrity.io.member_sizes import has_sizes, with_sizes_kept
@@ -120,7 +120,11 @@ def build_scene(file: SceneFile, folder: Path) -> Scene:
         gait=_gait(file.gait, structure),
         loads=_loads(file, len(structure.nodes)),
         shaking=Shaking(**msgspec.structs.asdict(file.shaking)) if file.shaking else None,
-        terms=(*_forces_from_outside(file, len(structure.nodes)), *cable_laws(file.cables, structure.cables)),
+        terms=(
+            *build_slides(file.slides),
+            *_forces_from_outside(file, len(structure.nodes)),
+            *cable_laws(file.cables, structure.cables),
+        ),
     )
     if file.ground is not None and (keys := file.ground.along_struts) is not None:
         chosen = None if keys.struts is None else tuple(keys.struts)

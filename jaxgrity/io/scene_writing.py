@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.io.bodies import bodies_tables
+from jaxgrity.io.bodies import bodies_tables, slides_tables
 from jaxgrity.io.files import write_whole
 from jaxgrity.io.ground_tables import (
     BowlTable,
@@ -55,6 +55,7 @@ from jaxgrity.model.height_fields import HeightMap, HeightWaves
 from jaxgrity.model.rod_contact import ALONG_STRUTS, laws_along, radii_along_struts
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking, SupportMotion
+from jaxgrity.model.slides import Slides
 from jaxgrity.model.solids import Box, Cylinder, Sphere, Stairs
 from jaxgrity.model.structure import Structure
 from jaxgrity.model.strut_contact import BETWEEN_STRUTS
@@ -64,9 +65,9 @@ from jaxgrity.model.unions import Union
 WIDTH = 120
 """Most characters in a line of lists. A longer list of lists takes one line for each."""
 OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
-ORDER_OF_TERMS: dict[type, int] = {Wind: 0, Push: 1, ForceTable: 2, ForceLimit: 2, DeadBand: 3, CableDampers: 4}
-ORDER_OF_TERMS |= dict.fromkeys(ALONG_STRUTS, 5) | dict.fromkeys(BETWEEN_STRUTS, 6)
-"""Order in which `load_scene` adds terms; of each of the first five kinds but pushes it adds one at most."""
+ORDER_OF_TERMS: dict[type, int] = {Slides: 0, Wind: 1, Push: 2, ForceTable: 3, ForceLimit: 3, DeadBand: 4}
+ORDER_OF_TERMS |= {CableDampers: 5} | dict.fromkeys(ALONG_STRUTS, 6) | dict.fromkeys(BETWEEN_STRUTS, 7)
+"""Order in which `load_scene` adds terms; of each of the first six kinds but pushes it adds one at most."""
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 
 
@@ -107,8 +108,7 @@ def scene_file(scene: Scene) -> SceneFile:
     """The tables of the scene file. Raises as `save_scene` does."""
     if scene.up is not None:
         raise InputError("scene.up leans: expected a scene whose ground says how it is inclined (ground.incline)")
-    structure = scene.structure
-    wind, pushes, forces = _laws(scene)
+    structure, (wind, pushes, forces) = scene.structure, _laws(scene)
     file = SceneFile(
         structure=_structure(structure),
         struts=members_table(structure.struts, StrutsTable, "struts", touching_keys(scene)),
@@ -121,6 +121,7 @@ def scene_file(scene: Scene) -> SceneFile:
         pushes=pushes,
         shaking=_shaking(scene.shaking),
         bodies=bodies_tables(structure.bodies, structure.nodes),
+        slides=slides_tables(scene),
         gait=_gait(scene.gait),
         loads=[
             LoadTable(case.name, [node], tuple(row))
@@ -253,8 +254,8 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
     wind, pushes = None, []
     forces: dict[str, Any] = {}
     places = [ORDER_OF_TERMS[type(term)] for term in scene.terms if type(term) in ORDER_OF_TERMS]
-    if places != sorted(places) or any(places.count(place) > 1 for place in (0, 2, 3, 4)):
-        told = "a wind, pushes, then one table or largest force of cables, dead bands, dampers, then contact of struts"
+    if places != sorted(places) or any(places.count(place) > 1 for place in (0, 1, 3, 4, 5)):
+        told = "slides, a wind, pushes, one table or largest force of cables, dead bands, dampers, contact of struts"
         raise InputError(f"terms are {', '.join(term.name for term in scene.terms)}; expected in this order {told}")
     for number, term in enumerate(scene.terms):
         if type(term) is Wind:

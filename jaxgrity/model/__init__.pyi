@@ -11,6 +11,7 @@ from .load_cases import LoadCase
 from .pulleys import Pulley
 from .scene import body_length
 from .sizes import MATERIALS, Material, sized_members
+from .slides import Slides
 from .strut_contact import with_contact_between_struts
 from .surface import Frame, Surface
 from .symmetry import gene_permutations, image, standing_symmetries, symmetries
@@ -26,6 +27,7 @@ __all__ = [
     "LoadCase",
     "Material",
     "Pulley",
+    "Slides",
     "Surface",
     "TravellingWave",
     "body_length",

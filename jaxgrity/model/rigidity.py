@@ -13,6 +13,7 @@ from jaxgrity.model.bodies import Bodies
 from jaxgrity.model.body_points import body_pairs, carrying, following, independent_nodes
 from jaxgrity.model.laws import SAME, Constraint, SceneParts
 from jaxgrity.model.rigid_struts import RigidStruts, directions_between
+from jaxgrity.model.slides import Slides, slides_of
 from jaxgrity.model.structure import edge_lengths
 
 
@@ -54,6 +55,8 @@ class RigidBodies(Constraint):
 
 RIGID = (RigidStruts, RigidBodies)
 """The constraints on distances."""
+LINKS = (*RIGID, Slides)
+"""The constraints between nodes, which multipliers keep too."""
 
 
 def rigid_pairs(scene: SceneParts) -> Edges:
@@ -71,6 +74,11 @@ def rigid_lengths(scene: SceneParts, t: Scalar) -> PerMember:
     if not structure.bodies:
         return parts[0]
     return jnp.concatenate([*parts, body_pairs(structure.bodies, structure.fixed)[1]])
+
+
+def linked(scene: SceneParts) -> bool:
+    """Whether there are any `LINKS`."""
+    return bool(rigid_pairs(scene)) or slides_of(scene) is not None
 
 
 def lines_between_points(bodies: Bodies) -> Edges:

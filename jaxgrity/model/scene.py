@@ -32,9 +32,10 @@ from jaxgrity.model.ground import ContactDissipation, ExactContact, Ground, Pena
 from jaxgrity.model.law_checks import check_own_laws
 from jaxgrity.model.laws import Configuration, Constraint, DissipationTerm, EnergyTerm, ForceLaw, Law, Motion
 from jaxgrity.model.load_cases import LoadCase, check_load_cases
-from jaxgrity.model.rigidity import RIGID
+from jaxgrity.model.rigidity import LINKS, RIGID
 from jaxgrity.model.scales import Scales, scales_of
 from jaxgrity.model.shaking import SupportMotion
+from jaxgrity.model.slides import Slides, check_slides
 from jaxgrity.model.structure import Structure, member_vectors
 from jaxgrity.model.strut_pairs import ExactStrutContact
 
@@ -43,7 +44,7 @@ LAWS_OF_STRUCTURES = (StrutSprings, *RIGID, CableSprings, *LOSSES, Gravity)
 KNOWN_LAWS = (*LAWS_OF_STRUCTURES, PenaltyContact, ExactContact, ContactDissipation)
 KNOWN_FRICTIONS = (SmoothFriction, SwitchFriction, ConeFriction)
 """Kinds of friction that `describe` lists as modelled or not, in addition to `KNOWN_LAWS`."""
-CONSTRAINTS_MET = (*RIGID, ExactContact, CoulombCone, ExactStrutContact)
+CONSTRAINTS_MET = (*LINKS, ExactContact, CoulombCone, ExactStrutContact)
 """Constraints that complementarity stepping satisfies."""
 BOOKED_OTHERWISE = ("actuation", "supports", "impulse", "moment")
 """Entries of the energy audit that are no causes of dissipation."""
@@ -92,6 +93,7 @@ class Scene(eqx.Module):
                 goes = "expected a cone with exact contact, smooth friction or the switch with penalty contact"
                 raise InputError(f"friction.kind does not fit ground.contact: {goes}")
         check_load_cases(self.loads, nodes)
+        check_slides(self)
         for law in self.constraints:
             if type(law) not in CONSTRAINTS_MET:
                 known = ", ".join(kind.name for kind in CONSTRAINTS_MET)
@@ -203,10 +205,7 @@ class Scene(eqx.Module):
         return Motion(v, rates, normal_force, Configuration(q, t, d, self))
 
     def during(self, begin: Scalar | AnyArray, end: Scalar) -> "Scene":
-        """The scene whose terms act with their mean from `begin` to `end`, s.
-
-        For robots side by side (population last in all arrays), `begin` may have one number per robot.
-        """
+        """The scene whose terms act with their mean from `begin` (a number, or one for each robot) to `end`, s."""
         if all(type(term).during is Law.during for term in self.terms):
             return self
         return eqx.tree_at(lambda scene: scene.terms, self, tuple(term.during(begin, end) for term in self.terms))
@@ -294,7 +293,7 @@ def body_length(scene: Scene) -> Scalar:
 
 def _check_term(term: Law) -> None:
     """Refuse laws that the motion or the energy audit would silently ignore."""
-    if not isinstance(term, (EnergyTerm, DissipationTerm, ForceLaw, ExactStrutContact)):
+    if not isinstance(term, (EnergyTerm, DissipationTerm, ForceLaw, ExactStrutContact, Slides)):
         raise InputError(f"terms has {term!r}; expected an EnergyTerm, a DissipationTerm or a ForceLaw")
     if (cause := getattr(term, "cause", "")) in BOOKED_OTHERWISE:
         raise InputError(f"terms: {term.name!r} has cause {cause!r}, which the energy audit reserves; expected another")

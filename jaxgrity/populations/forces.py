@@ -12,7 +12,7 @@ from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import linked
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.strut_contact import exact_strut_contact, without_strut_contact
 from jaxgrity.populations.step_impulses import impulses_along
@@ -76,8 +76,8 @@ def forces_along(scene: Scene, trajectory: Trajectory) -> Forces:
     scene = as_dtype(driven(scene, trajectory), dtype)
     v = velocities_midway(scene, trajectory)
     frames = (with_room(np.asarray(x, dtype), v.shape[1]) for x in (trajectory.times, trajectory.positions, v))
-    rigid = rigid_pairs(scene) if not find_method(trajectory.method).constrained else ()
-    found = Forces(*(np.asarray(x, float)[: len(v)] for x in _by_forces(scene, bool(rigid), *frames)))
+    rigid = linked(scene) and not find_method(trajectory.method).constrained
+    found = Forces(*(np.asarray(x, float)[: len(v)] for x in _by_forces(scene, rigid, *frames)))
     if not find_method(trajectory.method).constrained:
         return found
     if len(trajectory.times) < 2:

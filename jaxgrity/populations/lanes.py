@@ -17,7 +17,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Count, Scalar, State
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.inertia import independent_mobility
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import linked
 from jaxgrity.model.scene import Scene, start_of, with_scales
 from jaxgrity.populations.metrics import Metrics, initial_metrics, updated_metrics
 from jaxgrity.populations.uncertainty import Differences, differing
@@ -85,7 +85,7 @@ def roll_out_lanes(
     to be equal.
     """
     room, used = parts if isinstance(parts, tuple) else (parts, None)
-    lanes, keeps_lengths = gaits.phase.shape[-1], rigid_pairs(scene) and not options.method.constrained
+    lanes, keeps_lengths = gaits.phase.shape[-1], linked(scene) and not options.method.constrained
     scene, axes = in_lanes(scene, gaits, differences)
     start = start_of(scene)
     if differences is not None and differences.velocities is not None:

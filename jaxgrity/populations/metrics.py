@@ -13,6 +13,7 @@ from jaxgrity.model.balls import touching_velocities
 from jaxgrity.model.rod_contact import strut_distances
 from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import slides_of
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.constraints import rigid_struts
 from jaxgrity.stepping.dynamics import centre_of_mass, member_tensions
@@ -173,8 +174,8 @@ def actuator_tension(scene: Scene, step: Step, numbers: tuple[int, ...] | None =
     found = member_tensions(scene, step.t0 + step.h, step.after.motion[0])
     parts: list[AnyArray] = []
     for members, rows, _ in _by_kind(scene, numbers):
-        if members.rigid and scene.structure.bodies:
-            # nodes of bodies also have the impulses that keep their shape
+        if members.rigid and (scene.structure.bodies or slides_of(scene) is not None):
+            # nodes of bodies also have the impulses that keep their shape, and slides have theirs
             tensions = strut_tensions(scene, step.before.motion[0], strut_impulses(scene, step))
             parts.append(take_rows(tensions, rows) / step.kick)
         elif members.rigid:

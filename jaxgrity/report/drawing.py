@@ -126,6 +126,8 @@ class RobotDrawing:
         }
         red = colour(STRUT)
         self._bodies = self._rods("rigid bodies", rod, first.bodies, red) if scene.structure.bodies else None
+        sliding = first.sleeves.position.shape[1] > 0
+        self._sleeves = self._rods("sliding nodes", rod, first.sleeves, colour("#111111")) if sliding else None
         self._nodes = self._batch("nodes", ball, first.nodes[0], colour("#111111"))
         self._centre = self._batch("centre of mass", ball, first.centre[:1], colour(PATH))
         self._forces = self._rods("ground forces", _arrow(), first.ground_forces, colour(FORCE))
@@ -159,8 +161,9 @@ class RobotDrawing:
             _place(handle, _some(poses.members, rows), frame)
             if kind == "cables":
                 handle.batched_colors = poses.colours[frame, rows]
-        if self._bodies is not None:
-            _place(self._bodies, poses.bodies, frame)
+        for handle, parts in ((self._bodies, poses.bodies), (self._sleeves, poses.sleeves)):
+            if handle is not None:
+                _place(handle, parts, frame)
         self._nodes.batched_positions = _single(poses.nodes[frame])
         self._centre.batched_positions = _single(poses.centre[frame][None])
         _place(self._forces, poses.ground_forces, frame)

@@ -13,6 +13,7 @@ from jaxgrity.model.rigidity import lines_between_points
 from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import slides_of
 from jaxgrity.populations.forces import forces_along
 from jaxgrity.report.style import SLACK, STRUT, TENSION
 from jaxgrity.statics.stiffness import all_edges
@@ -20,6 +21,8 @@ from jaxgrity.stepping.simulate import Trajectory, centre_path, frame_times, som
 
 STRUT_RADIUS, CABLE_RADIUS, NODE_RADIUS, FORCE_RADIUS = 0.014, 0.006, 0.022, 0.012
 """Radii with which parts are drawn, as shares of the robot's size."""
+SLEEVE_RADIUS, SLEEVE_LENGTH = 0.026, 0.08
+"""Radius and length of the sleeve drawn about a sliding node, likewise."""
 WEIGHT_LENGTH = 0.5
 """Length of the arrow of a force equal to the robot's weight, as a share of the robot's size."""
 LIFTED = 2e-3
@@ -47,6 +50,8 @@ class RobotPoses(NamedTuple):
     """struts first"""
     bodies: Rods
     """lines between all points of each rigid body"""
+    sleeves: Rods
+    """about the line along which a node slides, at each such node"""
     colours: np.ndarray
     """(frames, members, 3), 0 to 255: struts red, cables by their tension, slack ones pale"""
     nodes: np.ndarray
@@ -102,6 +107,7 @@ def robot_poses(scene: Scene, trajectory: Trajectory, frame_rate: float, offset:
         np.asarray(trajectory.times, float),
         _bars(all_edges(scene.structure), q, radius),
         _bars(lines_between_points(scene.structure.bodies), q, STRUT_RADIUS * size),
+        _sleeves(scene, q, size),
         colours,
         q,
         rods(q, q + np.where(shown[..., None], arrows, [0, 0, 1e-6]), np.where(shown, FORCE_RADIUS * size, 1e-6)),
@@ -131,6 +137,15 @@ def check_motion(trajectory: Trajectory) -> None:
 def _bars(edges: Sequence[tuple[int, int]], q: np.ndarray, radius: np.ndarray | float) -> Rods:
     i, j = np.array(edges, int).reshape(-1, 2).T
     return rods(q[:, i], q[:, j], radius)
+
+
+def _sleeves(scene: Scene, q: np.ndarray, size: float) -> Rods:
+    slides = slides_of(scene)
+    nodes, along = ((), ()) if slides is None else (slides.nodes, slides.along)
+    first, last = np.array(along, int).reshape(-1, 2).T
+    line, here = q[:, last] - q[:, first], q[:, np.array(nodes, int)]
+    half = SLEEVE_LENGTH / 2 * size * line / np.linalg.norm(line, axis=-1, keepdims=True)
+    return rods(here - half, here + half, SLEEVE_RADIUS * size)
 
 
 def _member_looks(scene: Scene, tension: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray, float]:

@@ -11,9 +11,10 @@ from jaxgrity.model.dissipation import CapstanFriction
 from jaxgrity.model.friction import SwitchFriction
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.pulleys import built_lengths
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import linked
 from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
+from jaxgrity.model.slides import slides_of
 from jaxgrity.model.springs import as_springs, spring_forces
 from jaxgrity.model.structure import Members, Structure
 from jaxgrity.model.strut_contact import strut_contact
@@ -43,6 +44,7 @@ def describe(scene: Scene) -> str:
         *_describe_supports(scene),
         *_describe_members(scene.structure),
         *_describe_bodies(scene.structure),
+        *_describe_slides(scene),
         *_describe_prestress(scene),
         *_describe_gait(scene.gait),
         *(
@@ -82,7 +84,7 @@ def _describe_strut_contact(scene: Scene) -> list[tuple[str, str]]:
 
 
 def _describe_friction(scene: Scene) -> list[tuple[str, str]]:
-    if not isinstance(scene.friction, SwitchFriction) or not rigid_pairs(scene):
+    if not isinstance(scene.friction, SwitchFriction) or not linked(scene):
         return []
     speed = float(scene.friction.slip_speed)
     creep = f"nodes that should stick creep at up to {speed:g} m/s; spring struts, or exact contact, hold them"
@@ -126,9 +128,17 @@ def _describe_bodies(structure: Structure) -> list[tuple[str, str]]:
     return [("rigid bodies", f"{len(structure.bodies)}, mass {mass}, {points} nodes each")]
 
 
+def _describe_slides(scene: Scene) -> list[tuple[str, str]]:
+    if (slides := slides_of(scene)) is None:
+        return []
+    each = (f"node {node} along {list(pair)}" for node, pair in zip(slides.nodes, slides.along))
+    return [("sliding nodes", f"{len(slides.nodes)}: {', '.join(each)}")]
+
+
 def _describe_prestress(scene: Scene) -> list[tuple[str, str]]:
     structure = scene.structure
-    if structure.member_count == 0 or structure.bodies:  # `inspect` reports on these
+    # `inspect` reports on bodies, and statics knows no slides
+    if structure.member_count == 0 or structure.bodies or slides_of(scene) is not None:
         return []
     if others := [term.name for term in scene.terms if isinstance(term, EnergyTerm)]:
         return [("prestress", f"not listed beside {', '.join(others)}; `resting_shape` knows all of U")]

@@ -20,6 +20,7 @@ from jaxgrity.core.types import NodeVectors
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import check_no_slides
 from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness, smallest_stiffness
 from jaxgrity.statics.spring_struts import stiffness_around, with_spring_struts
 from jaxgrity.statics.stiffness import coordinate_map, factor_if_definite, free_coordinates, tangent_of
@@ -121,6 +122,7 @@ def equilibrium_near(scene: Scene, shape: NodeVectors, loads: NodeVectors | None
     is dense: some hundred nodes at most. float64 is needed.
     """
     check_no_bodies(scene.structure, "equilibrium_near")
+    check_no_slides(scene, "equilibrium_near")
     near = jax.lax.stop_gradient(jnp.asarray(shape))
     free = free_coordinates(len(near), scene.structure.supported)
     # U by the largest stiffness: one tolerance in metres then suits soft cables and stiff struts

@@ -11,6 +11,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerRow
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import check_no_slides
 from jaxgrity.model.springs import STIFF, as_springs, spring_forces, stiffness_beside
 from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.equilibrium import resting_shape
@@ -145,7 +146,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
         >>> report.summary()["rank"], report.summary()["states_of_self_stress"], report.summary()["mechanisms"]
         (29, 1, 1)
     """
-    structure = scene.structure
+    structure, loaded = scene.structure, bool(scene.structure.fixed)
     if structure.member_count == 0:
         raise InputError(
             "the structure has no members; expected struts or cables, with [struts] and [cables] in a scene file"
@@ -156,6 +157,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
                 f"{term.name}: the report on a structure knows linear springs alone; expected a scene without, or "
                 "`resting_shape` and `vibration_modes`, which know all of U"
             )
+    check_no_slides(scene, "inspect_structure")
     loaded, given = bool(structure.fixed), np.asarray(structure.nodes, float)
     alone = Scene(structure, gravity=scene.gravity if loaded else None, up=scene.up)
     try:

@@ -11,6 +11,7 @@ from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.rod_contact import set_down
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import check_no_slides
 from jaxgrity.model.springs import as_springs
 from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.equilibrium import resting_shape
@@ -50,6 +51,7 @@ def settled(scene: Scene) -> Settled:
         >>> f"{jaxgrity.statics.settled(scene).moved:.0e}"  # m, to rounding: it is at rest already
         '1e-16'
     """
+    check_no_slides(scene, "settled")
     structure = scene.structure
     given = np.asarray(structure.nodes, float)
     nodes = _at_rest(Scene(structure, terms=tuple(term for term in scene.terms if isinstance(term, EnergyTerm))))

@@ -16,6 +16,7 @@ from jaxgrity.core.types import AnyArray, PerMember
 from jaxgrity.model.energy import UP
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.sizes import Material, material_of, sized_members
+from jaxgrity.model.slides import check_no_slides
 from jaxgrity.model.springs import check_no_bodies
 from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.form_finding import equilibrium_matrix
@@ -133,6 +134,7 @@ def least_mass(
 def _check(scene: Scene, least_tension: float, hollow: float) -> None:
     refuse_traced(scene, "least_mass", "its programme is solved outside of JAX")
     check_no_bodies(scene.structure, "least_mass")
+    check_no_slides(scene, "least_mass")
     check_number("least_tension", least_tension, least=0.0, unit="N")
     if not check_number("hollow", hollow, least=0.0) < 1:
         raise InputError(f"hollow = {hollow:g}: expected a number from 0, below 1")

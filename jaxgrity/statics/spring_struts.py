@@ -15,6 +15,7 @@ from jaxgrity.model.ground import PenaltyGround
 from jaxgrity.model.laws import Configuration, EnergyTerm
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import check_no_slides
 from jaxgrity.model.springs import STIFF, as_springs, stiffness_beside
 from jaxgrity.model.structure import edge_lengths
 from jaxgrity.statics.form_finding import equilibrium_matrix
@@ -41,10 +42,11 @@ class _AsBuilt(EnergyTerm):
 
 
 def with_spring_struts(scene: Scene, loads: np.ndarray | None = None, times: float = STIFF) -> Scene:
-    """The scene with stiff springs for rigid struts (`as_springs`). Raises `InputError` on exact contact.
+    """The scene with stiff springs for rigid struts (`as_springs`). Raises `InputError` on exact contact, or slides.
 
     They are `times` as stiff as what is beside them (`stiffness_around`).
     """
+    check_no_slides(scene, "statics")
     if scene.ground is not None and scene.ground.impulsive:
         raise InputError("statics needs forces, and exact contact has none; expected penalty contact, or no ground")
     stiff = times * (stiffness_around(scene, loads) or 1.0) if rigid_pairs(scene) else None

@@ -1,6 +1,7 @@
 """One step of rigid struts and exact contact for any structure: shared nodes, rods with mass, supports, any masses.
 
-All struts are solved together. The impulses f along them and the ground's impulses p give the velocities
+All struts are solved together, and nodes that slide with them: each has two rows as those of struts, n·e/h in place of
+|d| (`slides.py`), and n for a direction. The impulses f along them and the ground's impulses p give the velocities
 
     w = w0 + A (f + p),    f = J^T lambda,    |d(w)| = L/h,    d(w) = (x_i - x_j)/h + w_i - w_j,
 
@@ -23,7 +24,6 @@ import jax.flatten_util
 import jax.numpy as jnp
 
 from jaxgrity.core.dense import least_solution
-from jaxgrity.core.primitives import length
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.stepping.coupled_contacts import ContactProblem, as_impulses, solve_contacts
 from jaxgrity.stepping.coupled_problem import (
@@ -39,8 +39,8 @@ from jaxgrity.stepping.coupled_problem import (
     rate_to_length,
     response,
     scaled,
+    stretch_after,
     strut_directions,
-    vectors_after,
 )
 
 TURNING = 20
@@ -203,14 +203,13 @@ def _round(problem: Coupled, root_mass: PerMember, parts: Elimination, found: _F
     f, pulls = found.struts, found.pulls
     if problem.reach is not None:
         w = base + moved(problem.A, from_frames(problem, p))
-    stretch, along = jnp.zeros_like(error), jnp.ones_like(error)
+    stretch: Scalar = jnp.zeros_like(error)
+    along = jnp.ones_like(error)
     if problem.apart is not None:
         more = parts.inverse @ (wanted - parts.J @ moved(problem.A, from_frames(problem, p)).ravel())
         f, pulls = f + parts.units * more[:, None], pulls + more
         if problem.reach is not None:
             w = acted_on(problem, f, p)
-        after = lengths_after(problem, w)
-        stretch = jnp.max(jnp.abs(after - problem.goal) / problem.goal)
-        d = vectors_after(problem, w)
-        along = jnp.min(jnp.sum(d * problem.apart, axis=1) / (after * length(problem.apart)))
+        stretch = stretch_after(problem, w)
+        along = jnp.min(jnp.sum(strut_directions(problem, w) * strut_directions(problem), axis=1))
     return _Found(f, pulls, z, w, error, stretch, along)

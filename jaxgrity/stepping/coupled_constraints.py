@@ -1,4 +1,4 @@
-"""The constraints of one step with coupled nodes: rigid struts and bodies, ground, and struts that touch each other.
+"""The constraints of one step with coupled nodes: rigid struts and bodies, slides, ground, and struts that touch.
 
 Unknown are the velocities of the independent nodes; points of bodies follow them.
 """
@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.primitives import edge_vectors, place_rows
-from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
+from jaxgrity.core.primitives import accumulate, edge_vectors, place_rows
+from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, Scalar, State
 from jaxgrity.model.body_points import carrying, following, independent_nodes
 from jaxgrity.model.capsules import Capsules
 from jaxgrity.model.ground import ExactGround
@@ -18,6 +18,7 @@ from jaxgrity.model.inertia import independent_mobility
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import length_scale, mass_scale, speed_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import lines_at, slides_of
 from jaxgrity.model.surface import Frame, frame_axes
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
 from jaxgrity.stepping.capsules import TouchingPoints, capsules_of, ends_of, of_points, weights_of
@@ -34,19 +35,38 @@ SLOW = 1e-2
 since a robot at rest needs a tolerance too."""
 
 
+class Sliding(NamedTuple):
+    """The frames of lines along which nodes slide at the start of a step, two rows for each node."""
+
+    across: MemberVectors
+    """(rows, 3), n"""
+    along: MemberVectors
+    """(rows, 3), u"""
+    ends: AnyArray
+    """(rows, nodes), by how much each node moves b - a, from one node of the line to the other"""
+    line: MemberVectors
+    """(rows, 3), (b - a)/h, m/s"""
+
+
 class Constraints(NamedTuple):
-    """The constraints of one step on the independent nodes, here called nodes."""
+    """The constraints of one step on the independent nodes, here called nodes.
+
+    Sliding nodes have two rows each after those of the struts.
+    """
 
     mobility: AnyArray
     """(nodes, nodes, 3), 1/kg"""
     start: NodeVectors
     """w0, m/s: velocities without impulses"""
     ends: AnyArray
-    """(struts, nodes): by how much each node moves the first end of a rigid strut against the second"""
+    """(struts, nodes): by how much each node moves the first end of a rigid strut against the second, or a sliding node
+    against its place on the line at the start"""
     apart: Any
-    """(struts, 3), (x_i - x_j)/h of the rigid struts, m/s; None: there are none"""
+    """(struts, 3), (x_i - x_j)/h of the rigid struts, e/h of sliding nodes, m/s; None: there are none"""
     goal: Any
-    """(struts,), L/h, m/s; likewise"""
+    """(struts,), L/h, or 0, m/s; likewise"""
+    sliding: Sliding | None
+    """None: no node slides"""
     contact: Contact | None
     """c, m/s, and mu"""
     frame: AnyArray
@@ -75,21 +95,52 @@ def constraints_of(scene: Scene, times: tuple[Scalar, Scalar], known: Known, sta
     (h, t1), dtype = times, start.dtype
     structure, nodes = scene.structure, moving_nodes(scene)
     own = independent_mobility(structure) if structure.mobility is None else structure.mobility
-    edges, apart, goal = rigid_pairs(scene), None, None
-    if edges:
-        apart, goal = edge_vectors(known.placed, edges) / h, rigid_lengths(scene, t1) / h
+    ends, apart, goal, sliding = _links(scene, h, t1, known.placed)
     slow = jnp.asarray(SLOW * speed_scale(scene), dtype)
     return Constraints(
         own,
         start[nodes],
-        jnp.asarray(signs_of_ends(scene), dtype),
+        ends,
         apart,
         goal,
+        sliding,
         known.contact,
         known.frame,
         known.weights,
         jnp.max(jnp.abs(start)) + slow,
     )
+
+
+def _links(
+    scene: Scene, h: Scalar, t1: Scalar, q: NodeVectors
+) -> tuple[AnyArray, AnyArray | None, AnyArray | None, Sliding | None]:
+    """`ends`, `apart`, `goal` and `sliding` of the `Constraints`."""
+    edges, slides = rigid_pairs(scene), slides_of(scene)
+    ends = jnp.asarray(signs_of_ends(scene), q.dtype)
+    if slides is None and not edges:
+        return ends, None, None, None
+    apart: AnyArray = jnp.zeros((0, 3), q.dtype)
+    goal: AnyArray = jnp.zeros(0, q.dtype)
+    if edges:
+        apart, goal = edge_vectors(q, edges) / h, rigid_lengths(scene, t1) / h
+    if slides is None:
+        return ends, apart, goal, None
+    lines = lines_at(slides, q)
+    ends = jnp.concatenate([ends, carried(scene, lines.weights)])
+    apart = jnp.concatenate([apart, lines.weights @ q / h])
+    goal = jnp.concatenate([goal, jnp.zeros(len(lines.across), q.dtype)])
+    moved = jnp.asarray(carried(scene, lines.ends), q.dtype)
+    return ends, apart, goal, Sliding(lines.across, lines.along, moved, lines.line / h)
+
+
+def links_on_nodes(scene: Scene, placed: NodeVectors, pulls: MemberVectors) -> NodeVectors:
+    """N s, of all nodes (`Known.placed`), from impulses on rigid struts' first ends and on sliding nodes, as in
+    `Impulses`."""
+    edges, slides = rigid_pairs(scene), slides_of(scene)
+    found = accumulate(pulls[: len(edges)], edges, len(placed)) if edges else jnp.zeros_like(placed)
+    if slides is None:
+        return found
+    return found + lines_at(slides, placed).weights.T @ pulls[len(edges) :]
 
 
 def moving_nodes(scene: Scene) -> np.ndarray:
@@ -125,10 +176,10 @@ def signs_of_ends(scene: Scene) -> AnyArray:
     signs[rows, edges[:, 0]], signs[rows, edges[:, 1]] = 1, -1
     kept = signs[:, moving_nodes(scene)]
     # most join independent nodes alone, and then need no product of matrices in every step
-    return kept if np.count_nonzero(kept) == 2 * len(edges) else _carried(scene, signs)
+    return kept if np.count_nonzero(kept) == 2 * len(edges) else carried(scene, signs)
 
 
-def _carried(scene: Scene, weights: AnyArray) -> AnyArray:
+def carried(scene: Scene, weights: AnyArray) -> AnyArray:
     """Weights of all nodes, (..., nodes), as weights of the independent ones."""
     if len(moving_nodes(scene)) == weights.shape[-1]:
         return weights
@@ -216,7 +267,7 @@ def _and_struts(
     if each is not None and each.ndim:
         mu = jnp.concatenate([jnp.asarray(mu), each[i] + touching.share * (each[j] - each[i])])
     contact = contact._replace(closing=jnp.concatenate([contact.closing, closing]), mu=mu)
-    more = _carried(scene, weights_of(touching, capsules, nodes))
+    more = carried(scene, weights_of(touching, capsules, nodes))
     return contact, *_with_points(frame, weights, frame_axes(touching.met.frame), more)
 
 
@@ -229,7 +280,7 @@ def _and_between(
     if scene.friction is not None and jnp.ndim(each := jnp.asarray(scene.friction.sliding_mu)):
         mu = jnp.concatenate([jnp.asarray(mu), jnp.abs(between.weights) @ each / 2])
     contact = contact._replace(closing=jnp.concatenate([contact.closing, closing.astype(frame.dtype)]), mu=mu)
-    return contact, *_with_points(frame, weights, between.axes, _carried(scene, between.weights))
+    return contact, *_with_points(frame, weights, between.axes, carried(scene, between.weights))
 
 
 def _with_points(

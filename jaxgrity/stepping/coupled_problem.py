@@ -6,8 +6,8 @@ import jax.numpy as jnp
 
 from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import length
-from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode
-from jaxgrity.stepping.coupled_constraints import Constraints
+from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
+from jaxgrity.stepping.coupled_constraints import Constraints, Sliding
 from jaxgrity.stepping.coupled_contacts import as_impulses
 from jaxgrity.stepping.ground_response import Contact
 
@@ -25,6 +25,7 @@ class Coupled(NamedTuple):
     ends: AnyArray
     apart: Any
     goal: Any
+    sliding: Sliding | None
     contact: Contact | None
     frame: AnyArray
     reach: AnyArray | None
@@ -48,10 +49,10 @@ class Elimination(NamedTuple):
 
 def problem_of(constraints: Constraints) -> Coupled:
     """The matrices of a step."""
-    mobility, start, ends, apart, goal, contact, frame, weights, speed = constraints
+    mobility, start, ends, apart, goal, sliding, contact, frame, weights, speed = constraints
     A = jnp.einsum("ijk,kl->ikjl", mobility, jnp.eye(3, dtype=start.dtype)).reshape(start.size, start.size)
     reach = None if weights is None else frame[:, :, None, :] * weights[..., None]
-    return Coupled(A, start, ends, apart, goal, contact, frame, reach, speed)
+    return Coupled(A, start, ends, apart, goal, sliding, contact, frame, reach, speed)
 
 
 def in_frames(problem: Coupled, x: NodeVectors) -> MemberVectors:
@@ -69,7 +70,10 @@ def from_frames(problem: Coupled, x: MemberVectors) -> NodeVectors:
 
 
 def vectors_after(problem: Coupled | Constraints, w: NodeVectors) -> MemberVectors:
-    """d, (struts, 3), from the second end of each strut to the first at the end of the step, over h, m/s."""
+    """d, (struts, 3), from the second end of each strut to the first at the end of the step, over h, m/s.
+
+    Of a sliding node it is the way from its place on the line at the start.
+    """
     return problem.apart + problem.ends @ w
 
 
@@ -80,7 +84,11 @@ def rate_to_length(problem: Coupled, u: MemberVectors, w: NodeVectors) -> PerMem
     under = towards * towards - (jnp.sum(d * d, axis=1) - problem.goal**2)
     # the root of |d + s u| = L/h: a rate that is right to first order would lengthen a strut that turns
     exact = jnp.sqrt(jnp.maximum(under, jnp.finfo(w.dtype).tiny)) - towards
-    return jnp.where(under > 0, exact, problem.goal - length(d))
+    rates = jnp.where(under > 0, exact, problem.goal - length(d))
+    if problem.sliding is None:
+        return rates
+    struts = len(rates) - len(problem.sliding.across)
+    return jnp.concatenate([rates[:struts], -lengths_after(problem, w)[struts:]])
 
 
 def eliminated(problem: Coupled, root_mass: PerNode, u: MemberVectors) -> Elimination:
@@ -121,12 +129,41 @@ def strut_directions(problem: Coupled, w: NodeVectors | None = None) -> MemberVe
     if problem.apart is None:
         return jnp.zeros((0, 3), problem.start.dtype)
     d = problem.apart if w is None else vectors_after(problem, w)
-    return d / length(d)[:, None]
+    d, sliding = _of_struts(problem, d), problem.sliding
+    u = d / length(d)[:, None]
+    if sliding is None:
+        return u
+    return jnp.concatenate([u, sliding.across if w is None else _across(sliding, w)])
 
 
 def lengths_after(problem: Coupled | Constraints, w: NodeVectors) -> PerMember:
-    """|d| at the end of the step, over h, m/s."""
-    return length(vectors_after(problem, w))
+    """|d| at the end of the step, over h, m/s; of sliding nodes how far they are beside their line."""
+    d = vectors_after(problem, w)
+    found = length(_of_struts(problem, d))
+    if problem.sliding is None:
+        return found
+    return jnp.concatenate([found, jnp.sum(d[len(found) :] * _across(problem.sliding, w), axis=1)])
+
+
+def stretch_after(problem: Coupled, w: NodeVectors) -> Scalar:
+    """The largest share of its length, or that of its line, by which a strut, or a sliding node, is off."""
+    lengths = _of_struts(problem, problem.goal)
+    if problem.sliding is not None:
+        lengths = jnp.concatenate([lengths, length(problem.sliding.line)])
+    return jnp.max(jnp.abs(lengths_after(problem, w) - problem.goal) / lengths)
+
+
+def _of_struts(problem: Coupled | Constraints, rows: AnyArray) -> AnyArray:
+    """The rows of struts, without those of sliding nodes."""
+    return rows if problem.sliding is None else rows[: len(rows) - len(problem.sliding.across)]
+
+
+def _across(sliding: Sliding, w: NodeVectors) -> MemberVectors:
+    """The directions across each line at the end of the step with velocities w, each in the plane of u and its n."""
+    line = sliding.line + sliding.ends @ w
+    turned = jnp.sum(line * sliding.across, axis=1) / jnp.sum(line * sliding.along, axis=1)
+    m = sliding.across - turned[:, None] * sliding.along
+    return m / length(m)[:, None]
 
 
 def contact_of(problem: Coupled, root_mass: PerNode, z: MemberVectors) -> tuple[MemberVectors, MemberVectors]:

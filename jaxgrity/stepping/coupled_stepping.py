@@ -15,9 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.primitives import accumulate, inverse
+from jaxgrity.core.primitives import inverse
 from jaxgrity.core.types import MemberVectors, NodeVectors, Scalar
-from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import moved_along
@@ -39,6 +38,7 @@ from jaxgrity.stepping.coupled_constraints import (
     constraints_of,
     contact_nodes,
     known_at,
+    links_on_nodes,
     moving_nodes,
     velocities_of_all,
 )
@@ -103,7 +103,7 @@ def coupled_impulses(
     pulls: NodeVectors = jnp.zeros_like(q)
     if constraints.apart is not None:
         off = h * jnp.max(jnp.abs(lengths_after(constraints, found.velocity) - constraints.goal))
-        pulls = accumulate(found.struts, rigid_pairs(scene), len(q))
+        pulls = links_on_nodes(scene, known.placed, found.struts)
     impulses = GroundImpulses(p[:, 0], (p[:, 1], p[:, 2]), along, struts)
     w = velocities_of_all(scene, h, q, known.placed, found.velocity)
     return StepImpulses(w, impulses, pulls, found.error, found.stretch, off)

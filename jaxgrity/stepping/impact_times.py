@@ -9,6 +9,7 @@ Here such a step gets the derivative of the motion in continuous time. It leads 
 its time, through the step, and back along the motion after it. Values do not change.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import cast
 
@@ -25,6 +26,7 @@ from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.rigidity import rigid_lengths, rigid_pairs
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import lines_at, slides_of
 from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.entering import HARD, landings, where_met
 
@@ -75,9 +77,11 @@ def _may_touch(scene: Scene, ground: ExactGround) -> AnyArray:
 
 def _moving_together(scene: Scene) -> AnyArray:
     """(nodes, nodes): 1 where an impulse on one node changes the velocity of the other at once, else 0."""
-    rods = tuple(edge for _, edges in scene.structure.rod_masses for edge in edges)
-    nodes = scene.structure.nodes
-    return jnp.asarray(_connected(rigid_pairs(scene) + rods, nodes.shape[0]), nodes.dtype)
+    joined = tuple(edge for _, edges in scene.structure.rod_masses for edge in edges)
+    nodes, slides = scene.structure.nodes, slides_of(scene)
+    if slides is not None:
+        joined += tuple((node, end) for node, pair in zip(slides.nodes, slides.along) for end in pair)
+    return jnp.asarray(_connected(rigid_pairs(scene) + joined, nodes.shape[0]), nodes.dtype)
 
 
 @lru_cache
@@ -91,17 +95,26 @@ def _connected(edges: Edges, nodes: int) -> np.ndarray:
 
 
 def _turning(scene: Scene, ends: tuple[Scalar, Scalar], q: NodeVectors, v: NodeVectors) -> NodeVectors:
-    """Velocities (m/s) without the part that changes the lengths of rigid struts.
+    """Velocities (m/s) without the part that changes the lengths of rigid struts, or leads sliding nodes off lines.
 
     A step sets these at its end, whenever the impact is. The rates by which actuated struts change them in the step are
     those of the impact's time all the same: lengths at the start differ by so much.
     """
-    edges = rigid_pairs(scene)
-    if not edges:
+    edges, slides = rigid_pairs(scene), slides_of(scene)
+    parts: list[Callable[[NodeVectors], AnyArray]] = []
+    wanted: AnyArray = jnp.zeros(0, q.dtype)
+    if edges:
+        d = edge_vectors(q, edges)
+        units = scale(d, inverse(length(d)))
+        parts.append(lambda v: dot(units, edge_vectors(v, edges)))
+        first, last = (jax.jvp(lambda t: rigid_lengths(scene, t), (t,), (jnp.ones_like(t),))[1] for t in ends)
+        wanted = last - first
+    if slides is not None:
+        lines = lines_at(slides, q)
+        parts.append(lambda v: jnp.sum(lines.across * (lines.weights @ v), axis=1))
+        wanted = jnp.concatenate([wanted, jnp.zeros(len(lines.across), q.dtype)])
+    if not parts:
         return v
-    d = edge_vectors(q, edges)
-    units = scale(d, inverse(length(d)))
-    rates = lambda v: dot(units, edge_vectors(v, edges))  # noqa: E731
-    matrix = jax.jacfwd(rates)(jnp.zeros_like(v)).reshape(len(edges), -1)
-    first, last = (jax.jvp(lambda t: rigid_lengths(scene, t), (t,), (jnp.ones_like(t),))[1] for t in ends)
-    return v - least_solution(matrix, rates(v) + last - first).reshape(v.shape)
+    rates = lambda v: jnp.concatenate([part(v) for part in parts])  # noqa: E731
+    matrix = jax.jacfwd(rates)(jnp.zeros_like(v)).reshape(len(wanted), -1)
+    return v - least_solution(matrix, rates(v) + wanted).reshape(v.shape)

@@ -1,5 +1,6 @@
 """Small motions about a state: the equations of motion, linearised, and the largest step that does not amplify them."""
 
+import itertools
 from typing import NamedTuple
 
 import jax
@@ -13,6 +14,7 @@ from jaxgrity.model.inertia import independent_coordinates, mass_matrix
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene, as_dtype
+from jaxgrity.model.slides import Slides, known_lines, slides_of
 from jaxgrity.stepping.dynamics import smooth_acceleration
 from jaxgrity.stepping.methods import Method, amplification
 
@@ -44,10 +46,10 @@ class Linearised(NamedTuple):
 def linearise(scene: Scene, state: State) -> Linearised:
     """The equations of motion, linearised about `state` = (positions, velocities) at t = 0, in float64.
 
-    Rigid struts, nodes on exact ground and nodes held by the cone are constraints. Motions against them are left out,
-    and the forces of struts turn with the struts. These forces are those that keep the constraints of a body at rest,
-    J M^-1 (F + J' f) = 0, also where it is not in equilibrium. Force laws without a derivative (the Coulomb switch) are
-    ignored.
+    Rigid struts, slides, nodes on exact ground and nodes held by the cone are constraints. Motions against them are
+    left out. The forces of struts turn with the struts, and those of slides with their lines. These forces are those
+    that keep the constraints of a body at rest, J M^-1 (F + J' f) = 0, also where it is not in equilibrium. Force laws
+    without a derivative (the Coulomb switch) are ignored.
     """
     with jax.enable_x64(True), evaluated():
         q, v = (np.asarray(x, float) for x in state)
@@ -87,15 +89,35 @@ def constraint_rows(scene: Scene, q: np.ndarray) -> sp.csr_array:
 
 
 def turning(scene: Scene, q: np.ndarray, forces: np.ndarray) -> sp.coo_array:
-    """(3 nodes, 3 nodes), change of the rigid struts' forces as they turn, (1 - u u^T) f / l, N/m."""
+    """(3 nodes, 3 nodes), change of the forces of rigid struts as they turn, (1 - u u^T) f / l, and of slides, N/m."""
     blocks, places = [np.zeros((0, 3, 3))], [np.zeros((0, 2), int)]
     for (i, j), force in zip(rigid_pairs(scene), forces):
         d = q[i] - q[j]
         across = force / np.linalg.norm(d) * (np.eye(3) - np.outer(d, d) / (d @ d))
         blocks.append(np.stack([across, across, -across, -across]))
         places.append(np.array([(i, i), (j, j), (i, j), (j, i)]))
+    if (slides := slides_of(scene)) is not None:
+        before = itertools.takewhile(lambda law: law is not slides, scene.constraints)
+        first = sum(law.directions(q, float(length_scale(scene))).shape[0] for law in before)
+        of_slides = _turning_slides(slides, q, forces[first:])
+        blocks.append(of_slides[0])
+        places.append(of_slides[1])
     rows, columns = np.concatenate(places).T[:, :, None, None] * 3 + np.indices((3, 3))[:, None]
     return sp.coo_array((np.concatenate(blocks).ravel(), (rows.ravel(), columns.ravel())), shape=(q.size, q.size))
+
+
+def _turning_slides(slides: Slides, q: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Blocks, N/m, and their nodes, of f times the second derivative of n·e: -(n c)(u e)^T f / |b| and its transpose.
+
+    Here c are the weights of b, from one end of a line to the other.
+    """
+    lines = known_lines(slides, q)
+    rows = forces[: len(lines.ends), None, None] / np.linalg.norm(lines.line, axis=1)[:, None, None]
+    sides = rows * lines.across[:, :, None] * lines.along[:, None]
+    each = np.einsum("ri,rj,rab->rijab", lines.ends, lines.weights, sides)
+    blocks = -(each + each.transpose(0, 2, 1, 4, 3)).sum(0)
+    found = np.argwhere(blocks.any((2, 3)))
+    return blocks[tuple(found.T)], found
 
 
 def largest_step(linear: Linearised, method: Method) -> float:

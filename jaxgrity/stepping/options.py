@@ -13,9 +13,10 @@ from jaxgrity.core.remembered import remembered
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import check_fields, typed
 from jaxgrity.core.types import Count, NodeVectors, Scalar
-from jaxgrity.model.rigidity import RIGID
+from jaxgrity.model.rigidity import LINKS
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene, check_laws
+from jaxgrity.model.slides import slides_of
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.capsules import capsules_of
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
@@ -31,7 +32,9 @@ MASS_RATIO = 50
 """Largest ratio of the masses at a strut's ends at which sweeps are sure to converge on the ground."""
 ROUGH = 1.0
 """Smallest friction coefficient mu at which sweeps may not converge."""
-UNSWEPT = "sweeps handle no rods with mass, supports, bodies or balls, and no contact along or between struts"
+UNSWEPT = (
+    "sweeps handle no rods with mass, supports, bodies or balls, no slides, and no contact along or between struts"
+)
 MOST_SWEEPS = 1000
 """Largest number of sweeps per complementarity step if a tolerance is given."""
 
@@ -241,10 +244,8 @@ def _tolerances(given: SolverOptions, method: Method, dtype: str, least: float) 
 
 def _check_method(scene: Scene, method: Method) -> None:
     if scene.constrained and not method.constrained and (method.symplectic or not _only_keeps_distances(scene)):
-        raise InputError(
-            f"method = {method.name!r}: this scene has rigid struts or exact contact; expected "
-            f"{constrained_method().name!r}"
-        )
+        what = "rigid struts or exact contact" if slides_of(scene) is None else "sliding nodes"
+        raise InputError(f"method = {method.name!r}: this scene has {what}; expected {constrained_method().name!r}")
     if method.symplectic and scene.dissipates:
         raise InputError(
             f"method = {method.name!r} integrates scenes without dissipation; this one has damping or friction"
@@ -255,7 +256,7 @@ def _only_keeps_distances(scene: Scene) -> bool:
     """Whether all constraints are distances that stay as they are, which multipliers keep."""
     struts, gait = scene.structure.struts, scene.gait
     moving = struts is not None and struts.rigid and (gait is not None or bool(struts.motors))
-    return not moving and all(isinstance(law, RIGID) for law in scene.constraints)
+    return not moving and all(isinstance(law, LINKS) for law in scene.constraints)
 
 
 def _sweeps(given: SolverOptions, method: Method, dtype: str, size: float) -> int | None:
@@ -273,7 +274,8 @@ def _sweeps(given: SolverOptions, method: Method, dtype: str, size: float) -> in
 def _must_be_coupled(scene: Scene) -> bool:
     """Whether sweeps cannot solve the scene's struts and contacts."""
     balls = scene.ground is not None and scene.ground.balls is not None
-    return scene.structure.needs_mobility or balls or capsules_of(scene) is not None or bool(points_between(scene))
+    joined = scene.structure.needs_mobility or slides_of(scene) is not None
+    return joined or balls or capsules_of(scene) is not None or bool(points_between(scene))
 
 
 def _coupled(scene: Scene, given: SolverOptions, method: Method, concrete: bool) -> bool:

@@ -5,13 +5,15 @@ from typing import cast
 import jax
 import jax.numpy as jnp
 
+from jaxgrity.core.dense import least_solution
 from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inner, inverse, length, scale
 from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.inertia import along_fixed, momenta
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import linked, rigid_pairs
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import Slides, lines_at, slides_of
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.complementarity import CoupledState
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
@@ -69,8 +71,8 @@ def step_work(scene: Scene, step: Step) -> Work:
 def impulsive_work(scene: Scene, step: Step) -> Work:
     """The gains of one step of complementarity stepping: each impulse times the mean of the velocities around it.
 
-    Rigid struts do the work of the actuators that change their lengths. Their other work, and the loss of a node that
-    stays on a curved ground, is an error of the steps: "stepping".
+    Rigid struts do the work of the actuators that change their lengths. Their other work, that of slides, and the loss
+    of a node that stays on a curved ground, is an error of the steps: "stepping".
     """
     (q, v), (_, w) = step.before.motion, step.after.motion
     mean = (v + w) / 2
@@ -90,7 +92,7 @@ def impulsive_work(scene: Scene, step: Step) -> Work:
         _book(gained, "impacts", -work(between[0]))
         if scene.friction is not None:
             _book(gained, "friction", -work(between[1] + between[2]))
-    if rigid_pairs(scene):
+    if linked(scene):
         done = strut_impulses(scene, step)
         given = _strut_actuation(scene, step, done)
         gained["actuation"] = gained["actuation"] + given
@@ -148,17 +150,25 @@ def _staying(scene: Scene, step: Step) -> PerNode | None:
 
 
 def strut_tensions(scene: Scene, q: NodeVectors, impulse: NodeVectors) -> PerMember:
-    """The `tensions` of rigid struts, N s; with those within rigid bodies they make up the impulse."""
+    """The `tensions` of rigid struts, N s; with those within rigid bodies, and slides, they make up the impulse."""
     struts = cast(Members, rigid_struts(scene))
-    return tensions(rigid_pairs(scene), q, impulse)[: len(struts.edges)]
+    return tensions(rigid_pairs(scene), q, impulse, slides_of(scene))[: len(struts.edges)]
 
 
-def tensions(edges: Edges, q: NodeVectors, impulse: NodeVectors) -> PerMember:
-    """The tensions T of struts, N s, with the sum J^T T on the nodes equal to the `impulse`, by least squares."""
+def tensions(edges: Edges, q: NodeVectors, impulse: NodeVectors, slides: Slides | None = None) -> PerMember:
+    """The tensions T of struts, N s, with the sum J^T T on the nodes equal to the `impulse`, by least squares.
+
+    Beside slides, the impulse is the sum of theirs and of those of struts.
+    """
     nodes, d = q.shape[0], edge_vectors(q, edges)
     u = scale(d, inverse(length(d)))
     back = lambda T: -accumulate(scale(u, T), edges, nodes)  # noqa: E731
     pulls = lambda f: -dot(u, edge_vectors(f, edges))  # noqa: E731
+    if slides is not None:
+        lines = lines_at(slides, q)
+        links = lambda f: jnp.concatenate([pulls(f), jnp.sum(lines.across * (lines.weights @ f), axis=1)])  # noqa: E731
+        rows = jax.jacfwd(links)(jnp.zeros_like(q)).reshape(-1, q.size)
+        return least_solution(rows @ rows.T, links(impulse))[: len(edges)]
     if len({node for edge in edges for node in edge}) == 2 * len(edges):
         return pulls(impulse) / 2
     return jax.scipy.sparse.linalg.cg(lambda T: pulls(back(T)), pulls(impulse), tol=1e-9, maxiter=4 * len(edges))[0]

@@ -16,7 +16,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, Scalar, State, Times
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import linked
 from jaxgrity.model.scene import Scene, as_dtype, start_of
 from jaxgrity.stepping.discretisation import state_failure
 from jaxgrity.stepping.final_state import LONGER, check_times, enough_steps, states_at
@@ -102,7 +102,7 @@ def _rolled(scene: Scene, start: State, times: Times, steps: int, options: Resol
     start = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), start)
     q, v = states_at(scene, start, times, steps, options, reverse=True)
     valid = ~jnp.any(supports_slip(scene, start[1], times[0]))
-    if rigid_pairs(scene) and not options.method.constrained:
+    if linked(scene) and not options.method.constrained:
         valid = valid & ~velocities_stretch(scene, start)
     apart, rounding = jnp.diff(times), 4 * jnp.finfo(times.dtype).eps * jnp.max(jnp.abs(times))
     fit = jnp.all(apart > 0) & jnp.all(apart <= LONGER * steps * cast(Scalar, options.dt) + rounding)

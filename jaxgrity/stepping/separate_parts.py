@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import slides_of
 from jaxgrity.stepping.capsules import capsules_of, ends_of
 from jaxgrity.stepping.constraints import exact_ground
 from jaxgrity.stepping.coupled_constraints import Constraints, contact_nodes, moving_nodes
@@ -39,10 +40,11 @@ class Alike(NamedTuple):
 def separate_parts(scene: Scene) -> tuple[Alike, ...] | None:
     """The parts that move, alike ones together; None where all has to be solved together.
 
-    That is so with fewer than two parts or more than `MOST_KINDS` kinds, and where struts touch each other. It is so
+    That is so with fewer than two parts or more than `MOST_KINDS` kinds, where struts touch each other, and where nodes
+    slide. It is so
     where a strut that touches the ground is a spring between two parts, or what keeps its length joins two supports.
     """
-    if points_between(scene):
+    if points_between(scene) or slides_of(scene) is not None:
         return None
     label, nodes = _labels(scene), moving_nodes(scene)
     pairs = np.array(rigid_pairs(scene), int).reshape(-1, 2)
@@ -95,6 +97,7 @@ def of_parts(constraints: Constraints, alike: Alike) -> Constraints:
         constraints.ends[struts[:, :, None], alike.nodes[:, None]],
         constraints.apart[struts] if keeps else None,
         constraints.goal[struts] if keeps else None,
+        None,
         contact,
         constraints.frame[contacts],
         weights,

@@ -20,7 +20,7 @@ from jaxgrity.core.tracing import forward_mode_only, traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, NodeHistory, NodeVectors, Scalar, State, Times
 from jaxgrity.model.actuation import Commands
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import linked
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.discretisation import even_step, failure_code, integrate, state_failure, with_scales_and_mobility
 from jaxgrity.stepping.frame_velocities import midway
@@ -240,7 +240,7 @@ def _simulate(scene: Scene, start: State, times: Times, frames: int | AnyArray, 
         assert options.dt is not None, "complementarity stepping has steps of a fixed size"
         since = seconds_since_midstep(times, times[0], (times[-1] - times[0]) / stats["num_accepted_steps"], start[1])
     v = at_frames(scene, times, (q, v), since, frames)
-    if rigid_pairs(scene) and not options.method.constrained:
+    if linked(scene) and not options.method.constrained:
         failure = jnp.where(velocities_stretch(scene, start), 1, failure)
     misplaced = start_failure(scene, start[0])  # of traced numbers, which `resolve` could not check
     failure = jnp.where(misplaced != 0, misplaced, failure)

@@ -1,5 +1,6 @@
 """Checks of a start: positions within the constraints, and velocities equal to the supports'."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -14,6 +15,7 @@ from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import slips
+from jaxgrity.model.slides import Slides, lines_at, slides_of
 
 LARGEST_SLIP = 1e-3
 """Largest velocity of a node relative to its shaken support at a start, as a share of the body's speed sqrt(g L)."""
@@ -74,27 +76,41 @@ def check_known_velocities(scene: Scene, velocities: AnyArray, since: Scalar = 0
 
 
 def check_velocities(scene: Scene, start: State, since: Scalar, constrained: bool) -> None:
-    """`check_known_velocities` of one robot's start; and refuse those that change lengths of rigid struts or bodies.
+    """`check_known_velocities` of one robot's start; and refuse those that change lengths of rigid struts or bodies, or
+    lead a sliding node away from its line.
 
     A `constrained` method takes these. Impulses correct such velocities in the first step. Frames of an earlier motion
     do have them: the impulses of the step after a frame are not in its velocities.
     """
-    edges = rigid_pairs(scene)
     check_known_velocities(scene, start[1], since)
-    if constrained or not edges or traced((scene, start, since)):
+    if constrained or traced((scene, start, since)):
         return
-    growing = np.asarray(_growing((np.asarray(start[0], float), np.asarray(start[1], float)), edges))
-    if growing.max() > LARGEST_SLIP * float(speed_scale(scene)):
+    q, v = (np.asarray(x, float) for x in start)
+    edges, slides, most = rigid_pairs(scene), slides_of(scene), LARGEST_SLIP * float(speed_scale(scene))
+    if edges and (growing := np.asarray(_growing((q, v), edges))).max() > most:
         k = int(growing.argmax())
         raise InputError(
             f"velocities: nodes {list(edges[k])} move apart or together by {growing[k]:.3g} m/s, and their distance is "
             "constant; expected velocities that keep it, or method = 'complementarity'"
         )
+    if slides is None:
+        return
+    with jax.enable_x64(True), evaluated():
+        leaving = np.asarray(_leaving((jnp.asarray(q), jnp.asarray(v)), slides))
+    leaving = np.linalg.norm(leaving.reshape(-1, 2), axis=1)
+    if leaving.max() > most:
+        k = int(leaving.argmax())
+        raise InputError(
+            f"velocities: node {slides.nodes[k]} moves {leaving[k]:.3g} m/s across the line through nodes "
+            f"{list(slides.along[k])}, along which it slides; expected 0, or method = 'complementarity'"
+        )
 
 
 def velocities_stretch(scene: Scene, start: State) -> AnyArray:
-    """Whether velocities change lengths of rigid struts or bodies by more than `check_velocities` allows."""
-    return jnp.any(_growing(start, rigid_pairs(scene)) > LARGEST_SLIP * speed_scale(scene))
+    """Whether velocities lead rigid struts, bodies or sliding nodes off by more than `check_velocities` allows."""
+    edges, slides, most = rigid_pairs(scene), slides_of(scene), LARGEST_SLIP * speed_scale(scene)
+    found = jnp.any(_growing(start, edges) > most) if edges else jnp.zeros((), bool)
+    return found if slides is None else found | jnp.any(_leaving(start, slides) > most)
 
 
 def _growing(start: State, edges: Edges) -> AnyArray:
@@ -102,6 +118,12 @@ def _growing(start: State, edges: Edges) -> AnyArray:
     i, j = np.array(edges).T
     d, rates = (x[i] - x[j] for x in start)
     return abs((d * rates).sum(1)) / (d * d).sum(1) ** 0.5
+
+
+def _leaving(start: State, slides: Slides) -> AnyArray:
+    """m/s, of sliding nodes across their lines, two for each."""
+    lines = lines_at(slides, start[0])
+    return abs((lines.across * (lines.weights @ start[1])).sum(1))
 
 
 def _check_bodies_move(scene: Scene, v: np.ndarray) -> None:

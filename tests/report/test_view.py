@@ -192,6 +192,17 @@ def test_numbers_of_small_robots_keep_their_digits(rolling_robot):
     assert stages.caption(100 * times, 100 * centre, 1) == "t = 1.2 s, 0.0500 m from the start"
 
 
+def test_sliding_nodes_have_sleeves(tmp_path):
+    """About their line, half of it on either side."""
+    nodes = np.array([[0.0, 0, 0.1], [1.0, 0, 0.1], [0.4, 0, 0.1]])
+    structure = jaxgrity.Structure(nodes, np.ones(3), jaxgrity.Members(((0, 1),), [1e4], [1.0]))
+    scene = jaxgrity.Scene(structure, terms=(jaxgrity.model.Slides((2,), ((1, 0),)),))
+    sleeves = robot_poses(scene, still(scene), 20.0).sleeves
+    np.testing.assert_allclose(sleeves.position, [[[0.44, 0, 0.1]]] * 2)
+    np.testing.assert_allclose(sleeves.scale, [[[0.026, 0.026, 0.08]]] * 2)
+    view.save_html(scene, still(scene), tmp_path / "replay.html")
+
+
 def test_struts_that_touch_the_ground_are_as_thick_as_they_are():
     """Those with a radius; others as ever."""
     nodes = np.array([[0.0, 0, 0.1], [1.0, 0, 0.1], [0.0, 1, 0.1], [1.0, 1, 0.1]])
