@@ -126,8 +126,8 @@ def in_pieces(
     moved = options.method.constrained or scene.shaking is not None
     for first in range(0, seen if moved else 0, room):
         rows = slice(first, min(first + room, seen))
-        frames = tuple(with_room(x[rows], nodes) for x in (times, *motion))
-        kept = _velocities(scene, steps, start[1], frames, np.asarray(rows.stop - first), options)
+        t, q, w = (with_room(x[rows], nodes) for x in (times, *motion))
+        kept = _velocities(scene, steps, start[1], (t, q, w), np.asarray(rows.stop - first), options)
         motion[1][rows] = np.asarray(kept)[: rows.stop - first]
     on_progress(float(end), float(end))
     return motion, failure, done
