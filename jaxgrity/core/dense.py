@@ -3,12 +3,17 @@
 From some size on LAPACK starts threads. They spin while they wait for each other, which takes a hundred times as long
 on busy cores (docs/performance.md). So larger matrices are eliminated in small blocks, for which LAPACK starts none;
 products of blocks are JAX's own.
+
+On CPUs JAX hands many systems at once to the same few threads that run its programs, and waits for them. Programs on
+two devices then wait for each other for ever. So many systems are solved one after the other there.
 """
 
 import itertools
+from functools import partial
 
 import jax
 import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
 
 from jaxgrity.core.types import AnyArray
 
@@ -24,11 +29,46 @@ ROUNDS = 8
 """Corrections of a least solution. They take the ridge's effect away where singular values are 1e-5 or more."""
 
 
+@custom_vmap
+def _lapack_inverse(matrix: AnyArray) -> AnyArray:
+    return jnp.linalg.inv(matrix)
+
+
+@_lapack_inverse.def_vmap
+def _inverses(_: int, __: list[bool], matrices: AnyArray) -> tuple[AnyArray, bool]:
+    one_by_one = partial(jax.lax.map, _lapack_inverse)
+    return jax.lax.platform_dependent(matrices, cpu=one_by_one, default=jnp.linalg.inv), True
+
+
+@custom_vmap
+def _lapack_solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
+    return jnp.linalg.solve(matrix, right)
+
+
+@_lapack_solution.def_vmap
+def _solutions(count: int, batched: list[bool], matrices: AnyArray, rights: AnyArray) -> tuple[AnyArray, bool]:
+    systems = [x if many else jnp.broadcast_to(x, (count, *x.shape)) for x, many in zip((matrices, rights), batched)]
+    one_by_one = lambda *both: jax.lax.map(lambda each: _lapack_solution(*each), both)  # noqa: E731
+    at_once = lambda many, right: jnp.linalg.solve(many, right[..., None])[..., 0]  # noqa: E731
+    return jax.lax.platform_dependent(*systems, cpu=one_by_one, default=at_once), True
+
+
+@jax.custom_jvp
+def _small_inverse(matrix: AnyArray) -> AnyArray:
+    return _lapack_inverse(matrix)
+
+
+@_small_inverse.defjvp
+def _change_of_inverse(matrices: tuple[AnyArray], changes: tuple[AnyArray]) -> tuple[AnyArray, AnyArray]:
+    found = _small_inverse(*matrices)
+    return found, -found @ changes[0] @ found
+
+
 def inverse_of(matrix: AnyArray) -> AnyArray:
     """The inverse of a symmetric positive definite matrix."""
     size = len(matrix)
     if size <= INVERTED_AT_ONCE:
-        return jnp.linalg.inv(matrix)
+        return _small_inverse(matrix)
     # the matrix is definite, so that halves need no pivots
     half = size // 2
     # by the inverse of one half, and of what it leaves of the other
@@ -45,7 +85,10 @@ def solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
     Pivots are chosen within blocks only; one round of refinement makes up for the lost accuracy.
     """
     if len(matrix) <= SOLVED_AT_ONCE:
-        return jnp.linalg.solve(matrix, right)
+        times = lambda m, x: m @ x  # noqa: E731
+        solve = lambda _, b: _lapack_solution(matrix, b)  # noqa: E731
+        transposed = lambda _, b: _lapack_solution(matrix.T, b)  # noqa: E731
+        return jax.lax.custom_linear_solve(partial(times, matrix), right, solve, transposed)
     eliminated = _eliminated(matrix)
     x = _substituted(eliminated, right)
     return x + _substituted(eliminated, right - matrix @ x)
@@ -89,7 +132,7 @@ def _eliminated(matrix: AnyArray) -> list[tuple[AnyArray, AnyArray, AnyArray]]:
     found, rest = [], matrix
     for block in _blocks(len(matrix)):
         size = block.stop - block.start
-        own = jnp.linalg.inv(rest[:size, :size])
+        own = _small_inverse(rest[:size, :size])
         right, below = rest[:size, size:], rest[size:, :size] @ own
         found.append((own, right, below))
         rest = rest[size:, size:] - below @ right

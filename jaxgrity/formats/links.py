@@ -1,8 +1,10 @@
 """Rigid bodies and rods of a scene as links: masses, centres and inertias, and joints at the nodes that links share."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag, eigh
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.mjcf_plan import Plan
@@ -119,3 +121,22 @@ def _together(parts: list[Part]) -> Part:
     centre = sum((m * c for m, c, _ in parts), np.zeros(3)) / mass
     second = sum((own + m * np.outer(c - centre, c - centre) for m, c, own in parts), np.zeros((3, 3)))
     return float(mass), centre, np.trace(second) * np.eye(3) - second
+
+
+def safe_step(plan: Plan, links: list[Link], longest: float) -> float:
+    """s, up to `longest`: an eighth of the period of the stiffest node or body, with all springs along a direction."""
+    x, pull, structure = np.asarray(plan.structure.nodes, float), np.zeros(len(plan.node_mass)), plan.structure
+    for members in structure.members:
+        if members.stiffness is None:
+            continue
+        for k, edge in enumerate(members.edges):
+            pull[list(edge)] += 0.0 if members is structure.struts and k in plan.rigid else members.stiffness[k]
+    alone = np.setdiff1d(np.flatnonzero(plan.node_mass), [node for link in links for node in link.nodes])
+    squares = list(pull[alone] / plan.node_mass[alone])
+    for link in links:
+        nodes, turned = list(link.nodes), np.cross(np.eye(3)[:, None], x[list(link.nodes)] - link.centre)
+        moved = np.r_[np.broadcast_to(np.eye(3)[:, None], turned.shape), turned]  # (motions, nodes, 3)
+        K = np.einsum("anx,n,bnx->ab", moved, pull[nodes], moved)
+        squares.append(eigh(K, block_diag(link.mass * np.eye(3), link.inertia), eigvals_only=True)[-1])
+    fastest = math.sqrt(2 * max(squares, default=0))
+    return float(min(longest, 2 * math.pi / fastest / 8 if fastest else longest))

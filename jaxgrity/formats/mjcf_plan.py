@@ -1,18 +1,15 @@
 """What of a scene becomes rigid bodies, point masses and tendons in MuJoCo, and how its actuators are moved."""
 
-import math
 from typing import NamedTuple
 
 import jax
 import numpy as np
-from scipy.linalg import block_diag, eigh
 
 from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Times
 from jaxgrity.formats.compounds import bodies, is_rigid
-from jaxgrity.formats.links import Link
 from jaxgrity.model.actuation import Gait, rest_length
 from jaxgrity.model.bodies import Bodies
 from jaxgrity.model.clusters import cables_of
@@ -165,22 +162,3 @@ def _with_halves(mass: np.ndarray, members: Members | None) -> np.ndarray:
 def amplitudes(gait: Gait | None) -> dict[int, float]:
     """The amplitude of each member that a gait moves."""
     return {} if gait is None else {k: float(a) for k, a in zip(gait.members, np.asarray(gait.amplitude))}
-
-
-def safe_step(plan: Plan, links: list[Link], longest: float) -> float:
-    """s, up to `longest`: an eighth of the period of the stiffest node or body, with all springs along a direction."""
-    x, pull, structure = np.asarray(plan.structure.nodes, float), np.zeros(len(plan.node_mass)), plan.structure
-    for members in structure.members:
-        if members.stiffness is None:
-            continue
-        for k, edge in enumerate(members.edges):
-            pull[list(edge)] += 0.0 if members is structure.struts and k in plan.rigid else members.stiffness[k]
-    alone = np.setdiff1d(np.flatnonzero(plan.node_mass), [node for link in links for node in link.nodes])
-    squares = list(pull[alone] / plan.node_mass[alone])
-    for link in links:
-        nodes, turned = list(link.nodes), np.cross(np.eye(3)[:, None], x[list(link.nodes)] - link.centre)
-        moved = np.r_[np.broadcast_to(np.eye(3)[:, None], turned.shape), turned]  # (motions, nodes, 3)
-        K = np.einsum("anx,n,bnx->ab", moved, pull[nodes], moved)
-        squares.append(eigh(K, block_diag(link.mass * np.eye(3), link.inertia), eigvals_only=True)[-1])
-    fastest = math.sqrt(2 * max(squares, default=0))
-    return float(min(longest, 2 * math.pi / fastest / 8 if fastest else longest))

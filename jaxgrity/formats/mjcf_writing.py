@@ -10,9 +10,9 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
 from jaxgrity.formats.foreign import add_element, has_strength
-from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, joints_between, links_of
+from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, joints_between, links_of, safe_step
 from jaxgrity.formats.mjcf_losses import CONTACT_TIME, contact_spring
-from jaxgrity.formats.mjcf_plan import Plan, amplitudes, plan_of, safe_step
+from jaxgrity.formats.mjcf_plan import Plan, amplitudes, plan_of
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.clusters import cables_of, nodes_along
 from jaxgrity.model.force_laws import CableDampers, DeadBand
