@@ -217,7 +217,8 @@ def check_robot(gait: Gait, structure: Structure) -> None:
     """Raises `InputError` if the gait was made for another robot."""
     if gait.robot not in (None, structure.robot):
         raise InputError(
-            f"gait: made for a robot of {gait.robot}; this one has {structure.robot}; expected a gait for this robot"
+            f"gait: made for a robot of {gait.robot}; this one has {structure.robot}; expected a gait for this robot: "
+            "one whose numbers you copy, or one that `jaxgrity search` finds"
         )
 
 

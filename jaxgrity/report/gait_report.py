@@ -93,11 +93,8 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
     fine = SolverOptions(dt=result.verdict.verified.steps[0], dtype="float64")
     parts = 5 + (STAGES if result.problem.seeks_orbits else 0)
     tick, began = _ticker(on_progress, parts), time.perf_counter()
-    trajectory, trust, (steady, found, asked), parts_took = _side_by_side(result, fine, folder, tick)
-    draw(result, trust, folder)
-    motion = None if scene.ground is None or trajectory.failed else rolling(scene, trajectory)
     assert scene.gait is not None, "a search finds a gait"
-    gait = {
+    known = {
         "scene": origin.scene,
         **gait_facts(scene.gait, scene.structure),
         "duration": duration,
@@ -105,13 +102,20 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
         "unit": result.problem.fitness.objective.unit,
         "settings": origin.settings,
         **result.verdict.summary(),
+        "command": origin.command,
+    }
+    # one may use the gait while the rest of the report is made
+    save_json(folder / "gait.json", known)
+    trajectory, trust, (steady, found, asked), parts_took = _side_by_side(result, fine, folder, tick)
+    draw(result, trust, folder)
+    motion = None if scene.ground is None or trajectory.failed else rolling(scene, trajectory)
+    gait = known | {
         "steady": steady,
         "motion": None if motion is None else motion.summary(),
         "directions": found,
         "actuators": asked,
         "within_bounds": asked["excess"] == 0,
         "diagnosis": trust.summary(),
-        "command": origin.command,
     }
     save_json(folder / "gait.json", gait)
     save_trajectory(trajectory, folder / "trajectory.npz")
