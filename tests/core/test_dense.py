@@ -19,7 +19,7 @@ from jaxgrity import (
     edge_lengths,
     rollout,
 )
-from jaxgrity.core.dense import INVERTED_AT_ONCE, least_solution
+from jaxgrity.core.dense import INVERTED_AT_ONCE, inverse_of, least_solution, solution
 from jaxgrity.stepping import resolve
 from jaxgrity.structures import tetrahedral_spine
 
@@ -60,6 +60,34 @@ def standing(nodes, struts) -> Scene:
     members = Members(struts, None, edge_lengths(nodes, struts))
     structure = Structure(nodes, np.full(len(nodes), 0.1), members)
     return as_dtype(Scene(structure, 9.81, ground=ExactGround(), friction=ConeFriction(0.5)), "float64")
+
+
+@pytest.mark.skipif(jax.default_backend() != "cpu", reason="other devices solve many systems at once")
+@pytest.mark.parametrize("solve", [lambda m, b: inverse_of(m) @ b, solution])
+def test_many_systems_are_solved_one_by_one(solve):
+    """JAX would hand them to threads that may all be waiting for the same: programs on two devices then never end."""
+    rng = np.random.default_rng(0)
+    matrices, rights = rng.normal(size=(5, 12, 12)) + 9 * np.eye(12), rng.normal(size=(5, 12))
+    many = jax.jit(jax.vmap(solve))
+    np.testing.assert_allclose(many(matrices, rights), [np.linalg.solve(*each) for each in zip(matrices, rights)])
+    shared = jax.jit(jax.vmap(solve, in_axes=(None, 0)))(matrices[0], rights)
+    np.testing.assert_allclose(shared, np.linalg.solve(matrices[0], rights.T).T)
+    calls = [line for line in many.lower(matrices, rights).compile().as_text().splitlines() if '"lapack' in line]
+    ranks = [shape.count(",") + 1 for line in calls for shape in re.findall(r"f64\[([\d,]+)\]", line)]
+    assert ranks
+    assert max(ranks) == 2
+
+
+def test_derivatives_of_many_solutions_are_those_of_differences():
+    """In both modes, and a second time."""
+    rng = np.random.default_rng(1)
+    matrices, rights = rng.normal(size=(3, 6, 6)) + 9 * np.eye(6), rng.normal(size=(3, 6))
+    found = lambda m, b: jnp.sum(jnp.sin(solution(m, b))) + jnp.sum(jnp.cos(inverse_of(m)))  # noqa: E731
+    known = lambda m, b: jnp.sum(jnp.sin(jnp.linalg.inv(m) @ b)) + jnp.sum(jnp.cos(jnp.linalg.inv(m)))  # noqa: E731
+    for derivative in (jax.grad, jax.jacfwd, lambda f: jax.hessian(f, 1)):
+        ours = jax.jit(jax.vmap(derivative(found)))(matrices, rights)
+        theirs = np.stack([derivative(known)(*each) for each in zip(matrices, rights)])
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.slow
