@@ -40,7 +40,8 @@ class Trial(NamedTuple):
 @measurement(
     page="control.md",
     quick={"trials": 1, "samples": 8, "patience": 2.0, "twin": False},
-    drawn=("rows", "ground"),
+    drawn=("x", "y"),
+    raw=("rows",),
 )
 def goals(
     ground: Literal["slope", "bumps"],
@@ -77,6 +78,8 @@ def goals(
         **{name: sum(row[name] for row in rows) for name in ("reached", "feedback", "open_loop")},
         "seconds": float(np.median(times)) if times else None,
         "real_time": float(np.median([row["real_time"] for row in rows])),
+        # of all trials, with a gap after each
+        **dict(zip("xy", np.concatenate([np.r_[row["path"], [[np.nan] * 2]] for row in rows]).T)),
         "ground": ground,
     }
 
@@ -149,9 +152,8 @@ def blind(trial: Trial, duration: float) -> dict[str, bool]:
 def figure(record: Record, chart: Figure) -> None:
     """The paths of all trials, from above."""
     axes = chart.subplots()
-    for k, row in enumerate(record["rows"]):
-        path = np.asarray(row["path"], float)
-        axes.plot(path[:, 1], path[:, 0], color="C0", linewidth=0.9, alpha=0.6, label=None if k else "path of a trial")
+    x, y = (np.array(record[axis], float) for axis in "xy")
+    axes.plot(y, x, color="C0", linewidth=0.9, alpha=0.6, label="path of a trial")
     axes.plot(0, 0, "s", markersize=8, color="C1", label="start")
     axes.plot(*GOAL[::-1], "*", markersize=13, color="C2", label="goal")
     across, downhill = (

@@ -148,9 +148,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
     """
     structure, loaded = scene.structure, bool(scene.structure.fixed)
     if structure.member_count == 0:
-        raise InputError(
-            "the structure has no members; expected struts or cables, with [struts] and [cables] in a scene file"
-        )
+        raise InputError("the structure has no members; expected [struts] or [cables] in a scene file, or both")
     for term in scene.terms:
         if isinstance(term, EnergyTerm):
             raise InputError(
@@ -158,7 +156,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
                 "`resting_shape` and `vibration_modes`, which know all of U"
             )
     check_no_slides(scene, "inspect_structure")
-    loaded, given = bool(structure.fixed), np.asarray(structure.nodes, float)
+    given = np.asarray(structure.nodes, float)
     alone = Scene(structure, gravity=scene.gravity if loaded else None, up=scene.up)
     try:
         rest = resting_shape(alone)

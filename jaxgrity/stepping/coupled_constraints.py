@@ -126,10 +126,10 @@ def _links(
     if slides is None:
         return ends, apart, goal, None
     lines = lines_at(slides, q)
-    ends = jnp.concatenate([ends, carried(scene, lines.weights)])
+    ends = jnp.concatenate([ends, on_independent(scene, lines.weights)])
     apart = jnp.concatenate([apart, lines.weights @ q / h])
     goal = jnp.concatenate([goal, jnp.zeros(len(lines.across), q.dtype)])
-    moved = jnp.asarray(carried(scene, lines.ends), q.dtype)
+    moved = jnp.asarray(on_independent(scene, lines.ends), q.dtype)
     return ends, apart, goal, Sliding(lines.across, lines.along, moved, lines.line / h)
 
 
@@ -176,10 +176,10 @@ def signs_of_ends(scene: Scene) -> AnyArray:
     signs[rows, edges[:, 0]], signs[rows, edges[:, 1]] = 1, -1
     kept = signs[:, moving_nodes(scene)]
     # most join independent nodes alone, and then need no product of matrices in every step
-    return kept if np.count_nonzero(kept) == 2 * len(edges) else carried(scene, signs)
+    return kept if np.count_nonzero(kept) == 2 * len(edges) else on_independent(scene, signs)
 
 
-def carried(scene: Scene, weights: AnyArray) -> AnyArray:
+def on_independent(scene: Scene, weights: AnyArray) -> AnyArray:
     """Weights of all nodes, (..., nodes), as weights of the independent ones."""
     if len(moving_nodes(scene)) == weights.shape[-1]:
         return weights
@@ -267,7 +267,7 @@ def _and_struts(
     if each is not None and each.ndim:
         mu = jnp.concatenate([jnp.asarray(mu), each[i] + touching.share * (each[j] - each[i])])
     contact = contact._replace(closing=jnp.concatenate([contact.closing, closing]), mu=mu)
-    more = carried(scene, weights_of(touching, capsules, nodes))
+    more = on_independent(scene, weights_of(touching, capsules, nodes))
     return contact, *_with_points(frame, weights, frame_axes(touching.met.frame), more)
 
 
@@ -280,7 +280,7 @@ def _and_between(
     if scene.friction is not None and jnp.ndim(each := jnp.asarray(scene.friction.sliding_mu)):
         mu = jnp.concatenate([jnp.asarray(mu), jnp.abs(between.weights) @ each / 2])
     contact = contact._replace(closing=jnp.concatenate([contact.closing, closing.astype(frame.dtype)]), mu=mu)
-    return contact, *_with_points(frame, weights, between.axes, carried(scene, between.weights))
+    return contact, *_with_points(frame, weights, between.axes, on_independent(scene, between.weights))
 
 
 def _with_points(

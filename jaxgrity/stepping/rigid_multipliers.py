@@ -21,7 +21,7 @@ from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import with_supports
 from jaxgrity.model.slides import Lines, lines_at, slides_of
-from jaxgrity.stepping.coupled_constraints import carried, signs_of_ends
+from jaxgrity.stepping.coupled_constraints import on_independent, signs_of_ends
 from jaxgrity.stepping.coupled_problem import inverse_of_responses
 from jaxgrity.stepping.dynamics import vector_field
 
@@ -63,7 +63,7 @@ def rigid_pulls(scene: Scene, t: Scalar, state: State, a: NodeVectors) -> PerMem
         wanted = dot(d, edge_vectors(a, edges)) + dot(rates, rates) + 2 * rate * growing + rate**2 * off
     if slides is not None:
         lines = lines_at(slides, q)
-        signs, d = jnp.concatenate([signs, carried(scene, lines.weights)]), jnp.concatenate([d, lines.across])
+        signs, d = jnp.concatenate([signs, on_independent(scene, lines.weights)]), jnp.concatenate([d, lines.across])
         wanted = jnp.concatenate([wanted, _wanted_of_slides(lines, (q, v), a, rate)])
     return _multipliers(scene, signs, d, wanted)
 
