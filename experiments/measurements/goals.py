@@ -73,7 +73,7 @@ def goals(
     return {
         "patience": patience,
         "within": REACHED,
-        "sampling": usual._asdict(),
+        "sampling": {name: getattr(usual, name) for name in ("samples", "horizon", "interval")},
         "trials": len(rows),
         **{name: sum(row[name] for row in rows) for name in ("reached", "feedback", "open_loop")},
         "seconds": float(np.median(times)) if times else None,
