@@ -17,6 +17,8 @@
  *   dt n_steps N_GAITS
  *   per gait:   phi_1 .. phi_N_STRUTS
  *   if wanted:  a delta for each strut, in place of the common one
+ *   and then:   N_OVERTONES, and for each h = 2, 3 ..: size_1 .. size_N_STRUTS psi_1 .. psi_N_STRUTS
+ *               (sin(a) + sum of size sin(h a + psi), over 1 + sum of size, in place of sin(a), a = omega t + phi)
  * With -DEXACT the struts' stiffness and damping, k_n, alpha and eps are read and not used.
  *
  * Output: a line per gait, "x y z" of the centre of mass at the end, then a line that starts with '#' and has the wall
@@ -33,6 +35,7 @@
 #define W 32
 #define MAXN 128
 #define MAXE 512
+#define MAXH 16
 typedef REAL T;
 typedef T V[W] __attribute__((aligned(64)));
 #define LANES for (int w = 0; w < W; w++)
@@ -40,14 +43,22 @@ typedef T V[W] __attribute__((aligned(64)));
 static int nn, ns, ne, ei[MAXE], ej[MAXE];
 static T mass[MAXN], x0[MAXN][3], K[MAXE], L0[MAXE], C[MAXE];
 static T g, cn, kn, al, mu, eps, delta, om, t_on, t_ramp, dt;
-static T amp[MAXE];
-static int steps, gaits, sweeps = 8;
+static T amp[MAXE], size[MAXH][MAXE], psi[MAXH][MAXE], share[MAXE];
+static int overtones, steps, gaits, sweeps = 8;
 
 static inline T t_sqrt(T x) { return sizeof(T) == 4 ? sqrtf(x) : sqrt(x); }
 static inline T t_sin(T x) { return sizeof(T) == 4 ? sinf(x) : sin(x); }
 static inline T ramp(T t) {
   T r = (t - t_on) / t_ramp;
   return r < 0 ? 0 : r > 1 ? 1 : r;
+}
+
+/* s, from -1 to 1, of the wave of strut e at time t. */
+static inline void wave(int e, T t, const T *restrict phi, T *restrict s) {
+  LANES s[w] = t_sin(om * t + phi[w]);
+  if (!overtones) return;
+  for (int h = 0; h < overtones; h++) LANES s[w] += size[h][e] * t_sin((h + 2) * (om * t + phi[w]) + psi[h][e]);
+  LANES s[w] *= share[e];
 }
 
 #ifndef EXACT
@@ -70,7 +81,7 @@ static inline void acc(T t, const V *restrict q, const V *restrict v, const V *r
     const int i = ei[e] * 3, j = ej[e] * 3;
     const T k = K[e], c = C[e];
     V L;
-    if (e < ns) { LANES L[w] = L0[e] * (1 - amp[e] * (T)0.5 * r * (1 + t_sin(om * t + phi[e][w]))); }
+    if (e < ns) { V s; wave(e, t, phi[e], s); LANES L[w] = L0[e] * (1 - amp[e] * (T)0.5 * r * (1 + s[w])); }
     else { LANES L[w] = L0[e]; }
     const int slackable = e >= ns;
     LANES {
@@ -142,11 +153,13 @@ static void roll(const V *phi, V *q, V *v) {
     }
     for (int e = 0; e < ns; e++) {
       const int i = ei[e] * 3, j = ej[e] * 3;
+      V s;
+      wave(e, t, phi[e], s);
       LANES {
         T dx = q[i][w] - q[j][w], dy = q[i + 1][w] - q[j + 1][w], dz = q[i + 2][w] - q[j + 2][w];
         T l2 = dx * dx + dy * dy + dz * dz, il = 1 / t_sqrt(l2);
         u[3 * e][w] = dx * il; u[3 * e + 1][w] = dy * il; u[3 * e + 2][w] = dz * il;
-        T L = L0[e] * (1 - amp[e] * (T)0.5 * r * (1 + t_sin(om * t + phi[e][w])));
+        T L = L0[e] * (1 - amp[e] * (T)0.5 * r * (1 + s[w]));
         target[e][w] = (L - l2 * il) / h;
       }
     }
@@ -206,7 +219,15 @@ int main(int argc, char **argv) {
   double (*com)[3] = malloc(sizeof(*com) * nb * W);
   for (int b = 0; b < nb * W; b++)
     for (int s = 0; s < ns; s++) phi[(b / W) * ns + s][b % W] = b < gaits ? next(f) : 0;
-  for (int s = 0; s < ns; s++) { double x; amp[s] = fscanf(f, "%lf", &x) == 1 ? (T)x : delta; }
+  for (int s = 0; s < ns; s++) { double x; amp[s] = fscanf(f, "%lf", &x) == 1 ? (T)x : delta; share[s] = 1; }
+  double count;
+  if (fscanf(f, "%lf", &count) == 1) overtones = count;
+  if (overtones > MAXH) { fprintf(stderr, "at most %d overtones\n", MAXH); return 2; }
+  for (int h = 0; h < overtones; h++) {
+    for (int s = 0; s < ns; s++) { size[h][s] = next(f); share[s] += size[h][s]; }
+    for (int s = 0; s < ns; s++) psi[h][s] = next(f);
+  }
+  for (int s = 0; s < ns; s++) share[s] = 1 / share[s];
   double best = 1e30, total = 0;
   for (int n = 0; n < nn; n++) total += mass[n];
   for (int rep = 0; rep < 3; rep++) {

@@ -11,14 +11,23 @@ import sys
 import tempfile
 from pathlib import Path
 
+import equinox as eqx
 import numpy as np
 
-from jaxgrity import Scene
+from jaxgrity import Gait, Overtone, Scene, gaits_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE, BUILT = ROOT / "experiments" / "limit" / "rollouts.c", ROOT / ".cache" / "limit"
 FLAGS = "-O3", "-march=native", "-ffast-math", "-mprefer-vector-width=512", "-fopenmp"
 KINDS = {"limit32": ["-DREAL=float"], "limit64": [], "exact32": ["-DREAL=float", "-DEXACT"], "exact64": ["-DEXACT"]}
+
+
+def waves_at(gait: Gait, phases: np.ndarray) -> Gait:
+    """A population of the gait at other phases, (gaits, actuators): all waves keep their shapes, as in the programs."""
+    ahead = phases - np.asarray(gait.phase)
+    found = gaits_of(gait, phases)
+    moved = tuple(Overtone(each.size, each.phase + h * ahead) for h, each in enumerate(found.overtones, start=2))
+    return eqx.tree_at(lambda g: g.overtones, found, moved) if moved else found
 
 
 @functools.cache
@@ -70,4 +79,8 @@ def as_text(scene: Scene, phases: np.ndarray, steps: int, dt: float) -> str:
     rows.append([scene.gravity, scene.node_damping[0], *contact, friction.mu, getattr(friction, "slip_speed", 1.0)])
     rows.append([gait.amplitude[0], 2 * np.pi * gait.frequency[0], gait.start, gait.ramp])
     rows += [[dt, steps, len(phases)], *phases]
+    if gait.overtones:
+        rows += [list(gait.amplitude), [len(gait.overtones)]]
+        for h, each in enumerate(gait.overtones, start=2):
+            rows += [list(each.size), list(each.phase - h * gait.phase)]
     return "\n".join(" ".join(repr(float(x)) if not isinstance(x, int) else str(x) for x in row) for row in rows) + "\n"

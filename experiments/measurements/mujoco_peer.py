@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from measurements.limit import waves_at
 from mujoco import rollout
 
-from jaxgrity import Scene, gaits_of, one_gait
+from jaxgrity import Scene, one_gait
 from jaxgrity.formats import mjcf_controls, mujoco_model
 
 SOFTEST = 1e-4
@@ -26,7 +27,7 @@ def build(scene: Scene, dt: float, integrator: str) -> mujoco.MjModel:
 
 def controls(scene: Scene, phases: np.ndarray, steps: int, model: mujoco.MjModel) -> np.ndarray:
     """(gaits, steps, actuators), at the start of each step; actuators that damp nodes have none."""
-    gaits, times = gaits_of(scene.gait, phases), model.opt.timestep * np.arange(steps)
+    gaits, times = waves_at(scene.gait, phases), model.opt.timestep * np.arange(steps)
     moved = np.stack([mjcf_controls(scene, times, one_gait(gaits, k)) for k in range(len(phases))])
     return np.pad(moved, ((0, 0), (0, 0), (0, model.nu - moved.shape[-1])))
 

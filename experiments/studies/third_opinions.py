@@ -1,4 +1,4 @@
-"""A gait that lasts by programs that share no code with jaxgrity: hand-written C, and MuJoCo with contacts of its own.
+"""Gaits that last by programs that share no code with jaxgrity: hand-written C, and MuJoCo with contacts of its own.
 
 Nothing was searched for on them. Robots that begin at different phases of the gait are rolled out; their speed is the
 displacement after they have settled. Extra: `peer` for MuJoCo; C is there if there is a compiler.
@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 from measurements import limit as hand_written
 from measurements.engines import mujoco_roll
+from measurements.limit import waves_at
 from measurements.measurement import Figure, Record, measurement
 from measurements.pages import columns
 
-from jaxgrity import Scene, SolverOptions, contact_twin, gaits_of, load_gait, load_scene, simulate_population, with_gait
+from jaxgrity import Scene, SolverOptions, contact_twin, load_gait, load_scene, simulate_population, with_gait
 from jaxgrity.model import body_length
 
 Ends = Callable[[np.ndarray, float], np.ndarray]
@@ -23,31 +24,38 @@ Ends = Callable[[np.ndarray, float], np.ndarray]
 
 @measurement(
     page="gait_records.md",
-    quick={"robots": 2, "settled": 5.0, "duration": 10.0, "mujoco": False},
+    quick={"gaits": ("straight",), "robots": 2, "settled": 5.0, "duration": 10.0, "mujoco": False},
     drawn=("speeds",),
 )
 def third_opinions(
+    gaits: tuple[str, ...] = ("straight", "brisk"),
     robots: int = 16,
     settled: float = 20.0,
     duration: float = 60.0,
     mujoco: bool = True,
 ) -> Iterator[Record]:
-    """A row for each program.
+    """A row for each gait and program.
 
     Args:
+        gaits: of the library, on the scene "exact"
         robots: that begin at phases of their own
         settled: s, after which the displacement counts
         duration: s
         mujoco: by MuJoCo too, where it is installed
     """
-    scene = with_gait(load_scene("exact"), load_gait("straight"))
-    phases = np.asarray(scene.gait.phase) + np.random.default_rng(0).uniform(0, 2 * np.pi, (robots, 1))
-    for name, ends in engines_of(scene, mujoco).items():
+    several = ((gait, *each) for gait in gaits for each in engines_of(_scene(gait), mujoco).items())
+    for gait, name, ends in several:
+        phases = np.asarray(load_gait(gait).phase) + np.random.default_rng(0).uniform(0, 2 * np.pi, (robots, 1))
         moved = ends(phases, duration) - ends(phases, settled)
-        speeds = np.hypot(moved[:, 0], moved[:, 1]) / (duration - settled) / float(body_length(scene))
+        speeds = np.hypot(moved[:, 0], moved[:, 1]) / (duration - settled) / float(body_length(_scene(gait)))
         mean, scatter, slowest = (float(f(speeds)) for f in (np.mean, np.std, np.min))
-        yield {"engine": name, "mean": mean, "standard_deviation": scatter, "slowest": slowest, "speeds": speeds}
+        about = {"gait": gait, "engine": name}
+        yield about | {"mean": mean, "standard_deviation": scatter, "slowest": slowest, "speeds": speeds}
     return {"robots": robots}
+
+
+def _scene(gait: str) -> Scene:
+    return with_gait(load_scene("exact"), load_gait(gait))
 
 
 def engines_of(scene: Scene, mujoco: bool) -> dict[str, Ends]:
@@ -70,7 +78,7 @@ def by_jaxgrity(scene: Scene) -> Ends:
 
     def ends(phases: np.ndarray, duration: float) -> np.ndarray:
         options = SolverOptions(dtype="float64")
-        return np.asarray(simulate_population(scene, gaits_of(scene.gait, phases), duration, options=options).com_end)
+        return np.asarray(simulate_population(scene, waves_at(scene.gait, phases), duration, options=options).com_end)
 
     return ends
 
@@ -84,6 +92,7 @@ def by_c(program: Path, scene: Scene, dt: float) -> Ends:
 def words(record: Record) -> str:
     """Speeds by program."""
     cells = {
+        "gait": "`{gait}`",
         "program": lambda row: row["engine"].partition(" (")[0],
         f"steady speed of {record['robots']} robots, body lengths/s": "{mean:.3f}",
         "standard deviation": "{standard_deviation:.2g}",
@@ -94,12 +103,13 @@ def words(record: Record) -> str:
 
 @third_opinions.figure(3.6)
 def figure(record: Record, chart: Figure) -> None:
-    """The speed of each robot on each engine."""
-    speeds = {row["engine"]: np.asarray(row["speeds"]) for row in record["rows"]}
-    axes = chart.subplots()
-    for k, values in enumerate(speeds.values()):
-        axes.plot(values, k + 0.15 * np.linspace(-1, 1, len(values)), "o", markersize=4)
-    axes.set(
-        yticks=range(len(speeds)), yticklabels=list(speeds), xlabel="steady speed (body lengths/s)", xlim=(0, None)
-    )
+    """The speed of each robot on each engine, a pane for each gait."""
+    gaits = list(dict.fromkeys(row["gait"] for row in record["rows"]))
+    for axes, gait in zip(chart.subplots(1, len(gaits), sharey=True, squeeze=False)[0], gaits):
+        rows = [row for row in record["rows"] if row["gait"] == gait]
+        for k, row in enumerate(rows):
+            axes.plot(row["speeds"], k + 0.15 * np.linspace(-1, 1, len(row["speeds"])), "o", markersize=4)
+        names = [row["engine"] for row in rows]
+        axes.set(title=gait, yticks=range(len(rows)), yticklabels=names, xlim=(0, None))
+        axes.set_xlabel("steady speed (body lengths/s)")
     axes.invert_yaxis()

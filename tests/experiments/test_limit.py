@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from measurements import limit
 
-from jaxgrity import SolverOptions, gaits_of, load_scene, random_phases, simulate_population
+from jaxgrity import (
+    SolverOptions,
+    gaits_of,
+    load_gait,
+    load_scene,
+    random_phases,
+    simulate_population,
+    with_gait,
+)
 
 
 @pytest.mark.slow
@@ -30,3 +38,17 @@ def test_c_ends_where_the_library_does(scene, program, method, dt, sweeps, withi
     off = [np.abs(ours - by_c).max() for by_c in (coarse, fine)]
     assert off[1] < within
     assert off[1] < 0.4 * off[0]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+def test_c_knows_overtones():
+    """Of a gait whose waves are ahead by other angles, in the second in which it begins."""
+    known = with_gait(load_scene("reference"), load_gait("brisk"))
+    phases = np.asarray(known.gait.phase) + np.array([[0.0], [1.0], [2.0]])
+    by_c = limit.roll(limit.programs() / "limit64", known, phases, 4000, 5e-4, 1)[0]
+    options = SolverOptions(method="rk4", dt=5e-4, dtype="float64")
+    rolled = lambda gaits: simulate_population(known, gaits, 2.0, options=options).com_end  # noqa: E731
+    np.testing.assert_allclose(rolled(limit.waves_at(known.gait, phases)), by_c, rtol=0, atol=1e-7)
+    other = rolled(gaits_of(known.gait, phases))  # as if overtones had kept their phases
+    assert np.abs(other - by_c)[1:].max() > 1e-4
