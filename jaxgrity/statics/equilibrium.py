@@ -30,8 +30,7 @@ ITERATIONS = 500
 PATIENCE = 30
 """Most steps with rigid struts from where they are given; from there on by way of struts that give way."""
 GIVING = 100.0
-"""Stiffness of springs in place of rigid struts, as a multiple of what is beside them. Without springs that is the
-loads over the structure's size: struts give way by a hundredth then."""
+"""Stiffness of springs in place of rigid struts, as a multiple of what is beside them (`stiffness_around`)."""
 SMALLEST_SHIFT, LARGEST_SHIFT = 1e-12, 1e6
 """Limits of the shift of the stiffness matrix, as shares of its largest diagonal entry."""
 RESISTANCE = 1e-8

@@ -41,6 +41,11 @@ class _AsBuilt(EnergyTerm):
         return self.term.energy(Configuration(at.q, at.t, own, self.built))
 
 
+GIVES = 0.01
+"""Share of its size by which a structure without springs would give way under all its forces, as if it had some: rigid
+struts are far stiffer than that."""
+
+
 def with_spring_struts(scene: Scene, loads: np.ndarray | None = None, times: float = STIFF) -> Scene:
     """The scene with stiff springs for rigid struts (`as_springs`). Raises `InputError` on exact contact, or slides.
 
@@ -64,8 +69,8 @@ def with_spring_struts(scene: Scene, loads: np.ndarray | None = None, times: flo
 def stiffness_around(scene: Scene, loads: np.ndarray | None = None) -> float:
     """N/m, of what acts on rigid struts and bodies: the stiffest cable, without cables the stiffest strut.
 
-    Without springs it is that of the ground and of further terms of U, and all forces over the structure's size: its
-    weight and load cases, or the given `loads`, N, where it has none. 0 where nothing acts.
+    Without springs it is that of the ground and of further terms of U, and all forces over `GIVES` times the
+    structure's size: its weight and load cases, or the given `loads`, N, where it has none. 0 where nothing acts.
     """
     structure, x = scene.structure, np.asarray(scene.structure.nodes, float)
     if beside := stiffness_beside(structure):
@@ -78,7 +83,7 @@ def stiffness_around(scene: Scene, loads: np.ndarray | None = None) -> float:
         here = tangent_of(scene)(x)
         found = max(found, float(np.abs(here.stiffness().diagonal()).max(initial=0)))
         force += float(np.abs(here.gradient).sum())
-    return found + (force / size if size else 0.0)
+    return found + (force / (GIVES * size) if size else 0.0)
 
 
 def bearing(scene: Scene, q: NodeVectors, loads: np.ndarray | None = None) -> Scene:

@@ -195,6 +195,7 @@ EXAMPLES = [
     _of(jaxgrity.ForceLimit, largest=(ONES, POSITIVE, ROWS), factors=(ONES, NOT_NEGATIVE, ROWS)),
     _of(force_laws.DeadBand, width=(ONES, NOT_NEGATIVE, ROWS), factors=(ONES, NOT_NEGATIVE, ROWS)),
     _of(force_laws.CableDampers, damping=(ONES, NOT_NEGATIVE, ROWS)),
+    _of(model.Slides, nodes=((2,), OTHER), along=(((0, 1),), OTHER)),
     _of(model.LoadCase, name=("snow", OTHER), nodes=((0, 1), OTHER), force=(np.ones((2, 3)), ANY)),
     _of(model.Balls, nodes=((0, 1), OTHER), radius=(ONES, NOT_NEGATIVE, ROWS)),
     _of(

@@ -55,6 +55,7 @@ from jaxgrity.model.law_symmetry import looks_alike
 from jaxgrity.model.laws import Constraint
 from jaxgrity.model.rod_contact import ALONG_STRUTS
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
+from jaxgrity.model.slides import Slides
 from jaxgrity.model.strut_contact import BETWEEN_STRUTS
 from jaxgrity.stepping import limiting_part, standing
 from jaxgrity.stepping.step_limits import part_shares
@@ -90,10 +91,11 @@ def scenes(reference, exact):
     payload = rigid_body(exact.structure.nodes, (0, 1, 4, 5, 8), 2.0, [0.1, 0.1, 0.1])
     loaded = eqx.tree_at(lambda s: s.structure.bodies, exact, (payload,))
     touching = with_contact_between_struts(with_contact_along_struts(reference, 2), 0.01)
+    sliding = with_terms(reference, Slides((2,), ((0, 1),)))
     pulley = Pulley((0, 16), 0.01, (0.0, 0.0, 1.0), mu=0.3, slip_speed=0.01)
     over = dataclasses.replace(reference.structure.cables, clusters=((0, 16),), pulleys=(pulley,))
     rough = eqx.tree_at(lambda s: s.structure.cables, reference, over)
-    return reference, exact, switch, pushed, laced, touching, rough, with_contact_between_struts(loaded, 0.01)
+    return sliding, reference, exact, switch, pushed, laced, touching, rough, with_contact_between_struts(loaded, 0.01)
 
 
 def test_every_law_of_the_library_is_known():
@@ -104,7 +106,19 @@ def test_every_law_of_the_library_is_known():
     """
     laws = concrete(Law)
     assert len(laws) > 10
-    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit, DeadBand, CableDampers, *ALONG_STRUTS, *BETWEEN_STRUTS}
+    pairs = *ALONG_STRUTS, *BETWEEN_STRUTS
+    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit, DeadBand, CableDampers, Slides, *pairs}
+        *KNOWN_LAWS,
+        Wind,
+        Push,
+        ForceTable,
+        ForceLimit,
+        DeadBand,
+        CableDampers,
+        Slides,
+        *ALONG_STRUTS,
+        *BETWEEN_STRUTS,
+    }
     assert {law for law in laws if law not in known and law.name not in {f.name for f in KNOWN_FRICTIONS}} == set()
     assert set(KNOWN_LAWS) <= laws
     assert concrete(Friction) == set(KNOWN_FRICTIONS)
