@@ -48,9 +48,9 @@ def third_opinions(
         phases = np.asarray(load_gait(gait).phase) + np.random.default_rng(0).uniform(0, 2 * np.pi, (robots, 1))
         moved = ends(phases, duration) - ends(phases, settled)
         speeds = np.hypot(moved[:, 0], moved[:, 1]) / (duration - settled) / float(body_length(_scene(gait)))
-        mean, scatter, slowest = (float(f(speeds)) for f in (np.mean, np.std, np.min))
+        numbers = {"mean": np.mean, "standard_deviation": np.std, "median": np.median, "slowest": np.min}
         about = {"gait": gait, "engine": name}
-        yield about | {"mean": mean, "standard_deviation": scatter, "slowest": slowest, "speeds": speeds}
+        yield about | {name: float(of(speeds)) for name, of in numbers.items()} | {"speeds": speeds}
     return {"robots": robots}
 
 
@@ -94,8 +94,9 @@ def words(record: Record) -> str:
     cells = {
         "gait": "`{gait}`",
         "program": lambda row: row["engine"].partition(" (")[0],
-        f"steady speed of {record['robots']} robots, body lengths/s": "{mean:.3f}",
+        f"speed of {record['robots']} robots, body lengths/s": "{mean:.3f}",
         "standard deviation": "{standard_deviation:.2g}",
+        "median": "{median:.3f}",
         "slowest": "{slowest:.3f}",
     }
     return columns(record["rows"], cells)
