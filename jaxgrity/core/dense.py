@@ -59,7 +59,7 @@ def _small_inverse(matrix: AnyArray) -> AnyArray:
 
 
 @_small_inverse.defjvp
-def _change_of_inverse(matrices: tuple[AnyArray], changes: tuple[AnyArray]) -> tuple[AnyArray, AnyArray]:
+def _derivative_of_inverse(matrices: tuple[AnyArray], changes: tuple[AnyArray]) -> tuple[AnyArray, AnyArray]:
     found = _small_inverse(*matrices)
     return found, -found @ changes[0] @ found
 
@@ -85,10 +85,9 @@ def solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
     Pivots are chosen within blocks only; one round of refinement makes up for the lost accuracy.
     """
     if len(matrix) <= SOLVED_AT_ONCE:
-        times = lambda m, x: m @ x  # noqa: E731
         solve = lambda _, b: _lapack_solution(matrix, b)  # noqa: E731
         transposed = lambda _, b: _lapack_solution(matrix.T, b)  # noqa: E731
-        return jax.lax.custom_linear_solve(partial(times, matrix), right, solve, transposed)
+        return jax.lax.custom_linear_solve(partial(jnp.matmul, matrix), right, solve, transposed)
     eliminated = _eliminated(matrix)
     x = _substituted(eliminated, right)
     return x + _substituted(eliminated, right - matrix @ x)

@@ -42,6 +42,7 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.orbits import find_orbit, stability
+from jaxgrity.report.gait_report import Origin, write_report
 from jaxgrity.report.measuring import actuators, directions
 from jaxgrity.search import (
     OBJECTIVES,
@@ -134,6 +135,20 @@ def whole(exact, config, tmp_path_factory):
 
 class Interruption(Exception):  # noqa: N818 it is no error
     """Raised by a listener, as Ctrl-C would be."""
+
+
+def test_the_gait_is_there_before_the_report(exact, whole, monkeypatch, tmp_path):
+    """Whoever ends a search while its report is made keeps what was found and verified."""
+
+    def stop(*_):
+        raise Interruption
+
+    monkeypatch.setattr("jaxgrity.report.gait_report._side_by_side", stop)
+    with pytest.raises(Interruption):
+        write_report(whole.result, Origin("exact", "sideways", {}, ""), tmp_path, lambda *_: None)
+    kept = with_gait(exact, load_gait(tmp_path / "gait.json")).gait
+    np.testing.assert_allclose(kept.phase, whole.result.scene.gait.phase)
+    assert json.loads((tmp_path / "gait.json").read_text())["robust"] == whole.result.verdict.summary()["robust"]
 
 
 @pytest.fixture
