@@ -31,6 +31,8 @@ class Sphere(Surface):
     smooth = property(lambda self: self.hollow)
 
     def __check_init__(self):
+        if self.hollow not in (True, False):
+            raise InputError(f"sphere.hollow = {self.hollow!r}: expected True or False")
         check_each("sphere.centre", self.centre, shape=(3,))
         check_each("sphere.radius", self.radius, shape=(), above=0.0, unit="m")
 

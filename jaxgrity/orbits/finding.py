@@ -70,6 +70,8 @@ class Orbit(NamedTuple):
     """body length, m"""
     window: float = WINDOW
     """length of a window for this body, s"""
+    scene_time: float = 0.0
+    """time of `state` on the scene's clock, s: with the time before, where the robot started on another orbit"""
 
     @property
     def cycle(self) -> float:
@@ -83,7 +85,9 @@ class Orbit(NamedTuple):
 
     def summary(self) -> dict[str, Any]:
         """The numbers for a JSON file, in SI units."""
-        found = {name: value for name, value in self._asdict().items() if name not in ("state", "windows")}
+        found = {
+            name: value for name, value in self._asdict().items() if name not in ("state", "windows", "scene_time")
+        }
         slowest = float(self.windows.min()) if self.windows.size else None
         lengths = self.speed / self.body_length
         return found | {"slowest_window": slowest, "body_lengths_per_second": lengths, "settled": self.settled}
@@ -149,7 +153,8 @@ def find_orbit(
     here, v = (scene, None) if beginning is None else (restarted(scene, beginning), beginning.state[1])
     chosen = in_step(scene, period, options)
     trajectory = simulate(here, count * period, options=chosen, frame_rate=FRAMES / period, velocities=v)
-    return _orbit(scene, trajectory, period, plane, first if beginning is None else 0)
+    before = 0.0 if beginning is None else beginning.scene_time
+    return _orbit(scene, trajectory, period, plane, first if beginning is None else 0, before)
 
 
 def check_periodic(scene: Scene, duration: float) -> Plane:
@@ -179,7 +184,7 @@ def restarted(scene: Scene, orbit: Orbit) -> Scene:
     laws of your own that say what they do `later`. Raises `InputError` without a gait, and for an orbit that failed, or
     that of another robot.
     """
-    gait, scene = check_orbit(scene, orbit), _later(scene, orbit.verified_for)
+    gait, scene = check_orbit(scene, orbit), _later(scene, orbit.scene_time)
     # the ramp ends nine periods before t = 0, so that all of the rollout is at full amplitude
     running = replace(gait, start=np.array(-10.0 * orbit.period), ramp=np.array(orbit.period))
     return with_gait(eqx.tree_at(lambda s: s.structure.nodes, with_gait(scene, None), orbit.state[0]), running)
@@ -213,8 +218,11 @@ def in_step(scene: Scene, period: float, options: Options) -> ResolvedOptions:
     return replace(resolved, dt=float(period / FRAMES / steps))
 
 
-def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, first: int) -> Orbit:
-    """The orbit of a trajectory with `FRAMES` frames per period and full amplitude after `first` periods."""
+def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, first: int, before: float = 0.0) -> Orbit:
+    """The orbit of a trajectory with `FRAMES` frames per period and full amplitude after `first` periods.
+
+    The trajectory begins at the time `before` of the scene, s.
+    """
     q, v = (np.asarray(x, float) for x in (trajectory.positions, trajectory.velocities))
     size, mass = float(body_length(scene)), np.asarray(scene.structure.lumped_mass, float)
     if trajectory.failed:
@@ -259,4 +267,5 @@ def _orbit(scene: Scene, trajectory: Trajectory, period: float, plane: Plane, fi
         state=(q[-1], v[-1]),
         body_length=size,
         window=seconds,
+        scene_time=before + float(trajectory.times[-1]),
     )

@@ -95,7 +95,7 @@ def least_mass(
 
     Args:
         scene: nodes, members, supports and load cases. Members may be many more than needed (a ground structure);
-            their stiffness and mass do not count.
+            their stiffness and mass do not count, nor do further terms of the scene.
         struts: material, with one number each.
         cables: likewise.
         least_tension: tension that every cable has in every case, N: prestress.

@@ -5,6 +5,7 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 import pytest
 
@@ -231,3 +232,9 @@ def test_what_is_no_surface_is_refused(make, words):
 )
 def test_parts_without_a_wall_in_common_are_a_union(parts):
     assert Union(parts).parts == parts
+
+
+def test_a_ball_is_hollow_or_not():
+    jaxtyping.config.update("jaxtyping_disable", True)  # for this test: its own refusal would come first
+    with pytest.raises(InputError, match="sphere.hollow = 1.5: expected True or False"):
+        Sphere([0.0, 0, 1], 1.0, hollow=1.5)

@@ -88,6 +88,17 @@ def test_pushes_and_motors_go_on_from_an_orbit(exact):
     assert np.abs(forces(found, 0.15, q, v) - forces(own, 0.15, q, v)).max() > 1
 
 
+def test_an_orbit_found_from_another_goes_on_in_time(exact, monkeypatch):
+    """Motors and pushes of the scene know the time of both."""
+    first = finding._orbit(exact, made_by_hand(exact, 1), PERIOD, LEVEL, 6)
+    monkeypatch.setattr(finding, "simulate", lambda scene, *_, **__: made_by_hand(scene, 1))
+    push = Push((3,), np.array([[60.0, 0, 0]]), 60.1, 0.2)
+    second = find_orbit(with_terms(exact, push), 120.0, beginning=first)
+    assert (first.scene_time, second.scene_time) == pytest.approx((30.0, 60.0))
+    (later,) = restarted(with_terms(exact, push), second).terms
+    assert float(later.start) == pytest.approx(0.1)
+
+
 def test_a_robot_that_lies_flat_on_its_orbit_stands_on_the_faces_it_is_built_with(exact, monkeypatch):
     """At the moment at which the cycle begins, its nodes lie in a plane, and so have no faces."""
     motion = made_by_hand(exact, 1)
