@@ -236,5 +236,5 @@ def test_parts_without_a_wall_in_common_are_a_union(parts):
 
 def test_a_ball_is_hollow_or_not():
     jaxtyping.config.update("jaxtyping_disable", True)  # for this test: its own refusal would come first
-    with pytest.raises(InputError, match="sphere.hollow = 1.5: expected True or False"):
+    with pytest.raises(InputError, match=r"sphere\.hollow = 1\.5: expected True or False"):
         Sphere([0.0, 0, 1], 1.0, hollow=1.5)
