@@ -20,7 +20,7 @@ UNITS = {
     "drawing": "picture",
     "evolving": "generation",
     "learning": "update",
-    "promoting": "level",
+    "promoting": "comparison",
     "polishing": "step",
     "verifying": "check",
     "reporting": "part",

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from jaxgrity.io.added import AddedTable
 from jaxgrity.io.bodies import BodyTable, SlideTable
 from jaxgrity.io.ground_tables import BoxTable, CylinderTable, SphereTable, SurfaceTable
 from jaxgrity.io.member_tables import CablesTable, StrutsTable
@@ -120,6 +121,7 @@ class GaitTable(Table, kw_only=True):
 
 class SceneFile(Table):
     structure: StructureTable
+    added: list[AddedTable] = []
     struts: StrutsTable | None = None
     cables: CablesTable | None = None
     gravity: GravityTable | None = None
