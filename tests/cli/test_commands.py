@@ -425,9 +425,29 @@ def test_a_picture_that_fails_costs_this_picture(monkeypatch, tmp_path, capsys):
     scene = load_scene("exact")
     motion = roll_out(scene, 0.1)
     settings = SimulateSettings(scene="exact", out=tmp_path, animation="none", replay=False)
-    assert not simulate.leave_pictures(scene, motion, settings)
+    simulate.leave_pictures(scene, motion, settings)
     assert capsys.readouterr().out.splitlines() == ["no members.png: ValueError: no such colour"]
     assert [file.name for file in tmp_path.iterdir()] == ["forces.png"]
+
+
+@pytest.mark.slow
+def test_the_replay_comes_before_the_diagnosis(monkeypatch, tmp_path, capsys):
+    """So one sees the motion early; a diagnosis that fails costs itself alone, with a line."""
+    pytest.importorskip("viser")
+    there = []
+
+    def failing(*_, **__):
+        there.append((tmp_path / "replay.html").exists())
+        raise MemoryError("no room\nand more")
+
+    monkeypatch.setattr(simulate, "diagnose", failing)
+    found = simulate.single(load_scene("exact"), 0.1, SimulateSettings(scene="exact", out=tmp_path))
+    lines = capsys.readouterr().out.splitlines()
+    watched = f"to watch the motion in 3D, open {tmp_path}/replay.html in a browser"
+    assert there == [True]
+    assert lines.index(watched) < lines.index("no diagnosis: MemoryError: no room")
+    assert (found["diagnosis"], found["failed"]) == (None, [])
+    assert (tmp_path / "path.png").exists()
 
 
 @pytest.mark.parametrize(
