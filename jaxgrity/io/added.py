@@ -43,8 +43,9 @@ def with_added_parts(tables: Sequence[AddedTable], structure: StructureTable, ro
         if not (table.nodes or table.cables):
             raise InputError(f"added[{k}]: adds nothing; expected nodes, cables or both")
         if bool(table.nodes) != (table.mass is not None):
-            expected = "expected the mass of each node, kg" if table.nodes else "it adds no nodes; expected none"
-            raise InputError(f"added[{k}].mass{_given(table.mass)}: {expected}")
+            if table.mass is None:
+                raise InputError(f"added[{k}].mass: missing; expected the mass of each node, kg")
+            raise InputError(f"added[{k}].mass = {table.mass:g}: it adds no nodes; expected none")
         if table.nodes:
             nodes = np.concatenate([nodes, middle + np.array(table.nodes, float)])
         check_edges(nodes, (), tuple(table.cables), f"added[{k}]")
@@ -65,26 +66,30 @@ def added_masses(tables: Sequence[AddedTable]) -> list[float]:
 def with_own_numbers(cables: CablesTable | None, tables: Sequence[AddedTable], count: int) -> CablesTable | None:
     """The [cables] table with the numbers of added cables, which come after `count` others.
 
-    Raises `InputError` without a [cables] table, or where a list of it, or its lack of a number, leaves no place.
+    Raises `InputError` without a [cables] table, or where its own number leaves no place for another.
     """
     changed: dict[str, list[float]] = {}
+    total, start = count + sum(len(table.cables) for table in tables), count
     for k, table in enumerate(tables):
         if table.cables and cables is None:
             raise InputError(f"added[{k}].cables: there is no [cables] table; expected one, with a stiffness")
         for key in OWN:
             own = getattr(table, key)
-            if own is None or cables is None:
-                continue
-            common = getattr(cables, key)
-            if isinstance(common, list) or (common is None and key == "stiffness"):
-                has = "is a list of all cables" if common else "is missing"
-                raise InputError(f"added[{k}].{key}{_given(own)}: cables.{key} {has}; expected one number there")
-            start = count + sum(len(before.cables) for before in tables[:k])
-            total = count + sum(len(each.cables) for each in tables)
-            each = changed.setdefault(key, [0.0 if common is None else common] * total)
-            each[start : start + len(table.cables)] = [own] * len(table.cables)
-    return cables if cables is None or not changed else msgspec.structs.replace(cables, **changed)
+            if own is not None and cables is not None:
+                common = _common_number(cables, key, f"added[{k}].{key} = {own:g}")
+                each = changed.setdefault(key, [common] * total)
+                each[start : start + len(table.cables)] = [own] * len(table.cables)
+        start += len(table.cables)
+    return msgspec.structs.replace(cables, **changed) if cables is not None and changed else cables
 
 
-def _given(value: float | None) -> str:
-    return "" if value is None else f" = {shown(value)}"
+def _common_number(cables: CablesTable, key: str, where: str) -> float:
+    """The one number of all cables. Raises `InputError` where there is none."""
+    common = getattr(cables, key)
+    if isinstance(common, list):
+        raise InputError(f"{where}: cables.{key} is a list of all cables; expected one number there")
+    if common is None and key == "stiffness":
+        raise InputError(f"{where}: cables.stiffness is missing; expected one number there")
+    if key == "prestrain" and cables.rest_length is not None:
+        raise InputError(f"{where}: cables.rest_length is given; expected cables.prestrain, or none")
+    return 0.0 if common is None else common

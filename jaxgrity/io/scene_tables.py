@@ -121,7 +121,6 @@ class GaitTable(Table, kw_only=True):
 
 class SceneFile(Table):
     structure: StructureTable
-    added: list[AddedTable] = []
     struts: StrutsTable | None = None
     cables: CablesTable | None = None
     gravity: GravityTable | None = None
@@ -133,5 +132,6 @@ class SceneFile(Table):
     shaking: ShakingTable | None = None
     bodies: list[BodyTable] = []
     slides: list[SlideTable] = []
+    added: list[AddedTable] = []
     gait: GaitTable | None = None
     loads: list[LoadTable] = []
