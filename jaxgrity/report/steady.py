@@ -51,7 +51,7 @@ def steady_facts(
     Args:
         scene: with a gait of one frequency.
         uncertainty: that of perturbed robots (`robot_motions`).
-        duration: s, of the rollout of the gait, and the scale of that of perturbed robots (`ENSEMBLE_SHARE`); longer
+        duration: s, of the rollout of the gait, and the scale of that of perturbed robots (`ensemble_time`); longer
             where cycles of this gait need it, and a whole number of periods.
         dt: s; by default the scene's own step.
         seed: seed of the draws of robots.
@@ -71,7 +71,7 @@ def steady_facts(
     watched = float(np.ceil(max(duration, least) / period_of(scene.gait)) * period_of(scene.gait))
     orbit, cycle, bars = orbit_error_bars(scene, watched, options=options)
     on_progress()
-    span = min(ENSEMBLE_TIME, ENSEMBLE_SHARE * duration)
+    span = ensemble_time(duration)
     robots = _over_robots(scene, uncertainty, span, step, orbit.cycle if orbit.settled else None, seed, on_progress)
     held = stability(scene, orbit, options=options) if orbit.verified_for else None
     on_progress()
@@ -91,6 +91,11 @@ def steady_facts(
         "robust": _with_mean(robots),
         "along_heading": None if heading is None else _along(heading, orbit, robots),
     }
+
+
+def ensemble_time(duration: float) -> float:
+    """The time for which perturbed robots roll, s, for a gait that is watched for `duration`, s."""
+    return min(ENSEMBLE_TIME, ENSEMBLE_SHARE * duration)
 
 
 def _repetition(scene: Scene, orbit: Orbit, options: SolverOptions) -> Facts | None:

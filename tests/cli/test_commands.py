@@ -761,6 +761,14 @@ def test_a_step_that_takes_long_is_not_silent(monkeypatch, capsys):
     assert capsys.readouterr().out.count(progress.STILL) == 1
 
 
+def test_a_bar_says_what_is_done_now(capsys):
+    """Also where steps are uneven: a bar that counts alone would stand still without a reason."""
+    with progress.Bars() as bars:
+        bars.hear(Progress("promoting", 3, 8, {"level": "finalists"}))
+        bars.bar.refresh()
+    assert re.search(r"promoting: +38%\|.*\| 3/8 \[00:00, level=finalists\]", capsys.readouterr().out)
+
+
 def test_searches_are_compared(jaxgrity, search_run, tmp_path):
     """A search beside itself differs in no setting."""
     folder, _ = search_run

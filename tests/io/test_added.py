@@ -6,6 +6,8 @@ import pytest
 
 from jaxgrity import InputError, load_scene, parse_scene, save_scene, scene_text
 from jaxgrity.model.structure import edge_lengths
+from jaxgrity.stepping import resolve
+from jaxgrity.stepping.blocks import blocks
 
 KIND = """
 [structure]
@@ -109,3 +111,11 @@ def test_no_other_kind_of_unknown_key_is_told_of_added_parts():
     """Only who looks for nodes or members there wants to add some."""
     assert "[[added]]" not in refused(KIND.replace("mass", "weight"))
     assert "[[added]]" not in refused(scene_text("reference").replace("[cables]", "[cables]\nnodes = 3"))
+
+
+def test_a_payload_on_cables_is_solved_by_sweeps():
+    """As fast as the robot without it: a node without strut needs no coupled solver, and no block of its own."""
+    hung = "[[added]]\nnodes = [[0, 0, 0]]\nmass = 0.5\ncables = [[0, 12], [5, 12], [7, 12], [10, 12]]\n"
+    scene = parse_scene(f"{scene_text('exact')}\n{hung}")
+    assert not resolve(scene, 1.0).coupled
+    assert [len(rows) for rows in blocks(scene.structure.struts.edges, 13).nodes] == [7, 6]
