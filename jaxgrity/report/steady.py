@@ -125,7 +125,7 @@ def _over_robots(
     on_progress: Callable[[], None],
 ) -> _Robots:
     """Perturbed robots on the own model and on its contact twin, for a time `span`, s."""
-    same = {"duration": span, "cycle": cycle, "seed": seed}
+    same: Facts = {"duration": span, "cycle": cycle, "seed": seed}
     coarse, fine = (
         robot_motions(scene, uncertainty, **same, options=SolverOptions(dt=dt, dtype="float32"))
         for dt in (step, step / 2)
