@@ -20,7 +20,7 @@ UNITS = {
     "drawing": "picture",
     "evolving": "generation",
     "learning": "update",
-    "promoting": "level",
+    "promoting": "comparison",
     "polishing": "step",
     "verifying": "check",
     "reporting": "part",
@@ -77,7 +77,7 @@ class Bars:
             self.bar.close()
             self.stage = stage
             counted = "{percentage:3.0f}%|{bar}| {n_fmt}/{total_fmt} " if total else ""
-            form = f"{{desc}}: {counted}[{{elapsed}}]" if stage in UNEVEN else None
+            form = f"{{desc}}: {counted}[{{elapsed}}{{postfix}}]" if stage in UNEVEN else None
             unit = UNITS[stage]
             self.bar = tqdm(total=total, initial=done, desc=stage, unit=unit, bar_format=form, file=sys.stdout)
         self.bar.n = done  # a sum of differences would show their rounding

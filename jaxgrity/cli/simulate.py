@@ -122,17 +122,16 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         f"{FAILURES[int(trajectory.failure)]}: {duration:g} s in {int(trajectory.steps)} steps, "
         f"{wall:.3f} s of wall time ({compilation:.1f} s to compile)"
     )
+    leave_replay(scene, trajectory, settings)  # first: it shows the motion while the rest is computed
     with ThreadPoolExecutor(1) as beside:  # compiling leaves a core free to draw
         drawing = beside.submit(leave_pictures, scene, trajectory, settings)
-        trust = diagnosed(scene, duration, options) if settings.diagnose else None
+        trust = plot.drawn("diagnosis", lambda: diagnosed(scene, duration, options)) if settings.diagnose else None
         with Bars() as bars:
             bars.show("drawing", 0, None)
-            shown = drawing.result()
+            drawing.result()
             if not trajectory.failed:
                 bar = trust.error_bar if trust else None
                 plot.drawn("path.png", lambda: plot.save(plot.path_figure(scene, trajectory, bar), out / "path.png"))
-    if shown:
-        print(f"to watch the motion in 3D, open {out}/replay.html in a browser")
     motion = plot.drawn("account of the motion", lambda: motion_report(scene, trajectory))
     print(conclusion(distance, trust.error_bar if trust else None, motion))
     if trust:
@@ -170,14 +169,23 @@ def conclusion(distance: float, error_bar: float | None, motion: MotionReport | 
     return moved if motion is None else f"{moved}\n{motion.sentence()}"
 
 
-def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSettings) -> bool:
-    """Write all pictures of a rollout that need no diagnosis; returns whether there is a replay among them.
+def leave_replay(scene: Scene, trajectory: Trajectory, settings: SimulateSettings) -> None:
+    """Write the replay of a rollout, if it is wanted, and say where it is. A failure costs the replay, with a line."""
+    if trajectory.failed or not settings.replay:
+        return
+    page, title = settings.out / "replay.html", scene_name(settings.scene)
+    if plot.drawn(page.name, lambda: view.keep_html(scene, trajectory, page, title=title)):
+        print(f"to watch the motion in 3D, open {page} in a browser", flush=True)
+
+
+def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSettings) -> None:
+    """Write all pictures of a rollout that need no diagnosis.
 
     A failure costs one picture, with a line, and nothing else of the rollout.
     """
     out = settings.out
     if trajectory.failed:
-        return False
+        return
     if scene.structure.member_count:
         plot.drawn("members.png", lambda: plot.save(plot.member_figure(scene, trajectory), out / "members.png"))
         plot.drawn("forces.png", lambda: plot.save(plot.force_figure(scene, trajectory), out / "forces.png"))
@@ -185,9 +193,6 @@ def leave_pictures(scene: Scene, trajectory: Trajectory, settings: SimulateSetti
         film = film_of(settings)
         width, camera = settings.width, settings.camera
         plot.drawn(film.name, lambda: animate(scene, trajectory, film, settings.fps, width=width, camera=camera))
-    title = scene_name(settings.scene)
-    keep = lambda: view.keep_html(scene, trajectory, out / "replay.html", title=title)  # noqa: E731
-    return settings.replay and bool(plot.drawn("replay.html", keep))
 
 
 def several(scene: Scene, gaits: Gait, duration: float, settings: SimulateSettings) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
+from jaxgrity.io.added import added_masses, with_added_parts, with_own_numbers
 from jaxgrity.io.bodies import bodies_tables, build_bodies, build_slides
 from jaxgrity.io.files import found_file, read_text, shipped
 from jaxgrity.io.grounds import build_ground
@@ -107,7 +108,9 @@ def build_scene(file: SceneFile, folder: Path) -> Scene:
 
     Raises `InputError` for parts that contradict each other.
     """
-    robot = _geometry(file.structure)
+    kind = _geometry(file.structure)
+    robot = with_added_parts(file.added, file.structure, kind)
+    file = msgspec.structs.replace(file, cables=with_own_numbers(file.cables, file.added, len(kind.cables)))
     ground = build_ground(file.ground, folder, robot.balls)
     structure = _structure(file, robot, ground)
     damping = per_member(file.damping.node, len(structure.nodes), "damping.node") if file.damping else None
@@ -149,7 +152,8 @@ def _structure(file: SceneFile, robot: RobotGeometry, ground: Ground | None) -> 
         "cables": build_members(file.cables, robot.cables, posed if over else nodes, "cables"),
     }
     massive = bool(bodies) or any(m is not None and m.mass is not None for m in parts.values())
-    mass = _node_mass(table, len(nodes), massive)
+    extra = added_masses(file.added)
+    mass = np.append(_node_mass(table, len(nodes) - len(extra), massive), extra)
     fixed = tuple((each, "xyz") if isinstance(each, int) else (each.node, each.axes) for each in table.fixed)
     made = build_bodies(bodies, nodes, fixed)
     found = Structure(posed, mass, parts["struts"], parts["cables"], fixed=fixed, bodies=made)

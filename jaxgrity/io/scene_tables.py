@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
+from jaxgrity.io.added import AddedTable
 from jaxgrity.io.bodies import BodyTable, SlideTable
 from jaxgrity.io.ground_tables import BoxTable, CylinderTable, SphereTable, SurfaceTable
 from jaxgrity.io.member_tables import CablesTable, StrutsTable
@@ -131,5 +132,6 @@ class SceneFile(Table):
     shaking: ShakingTable | None = None
     bodies: list[BodyTable] = []
     slides: list[SlideTable] = []
+    added: list[AddedTable] = []
     gait: GaitTable | None = None
     loads: list[LoadTable] = []

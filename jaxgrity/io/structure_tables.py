@@ -21,6 +21,10 @@ Count = Annotated[int, Meta(ge=1, le=10_000)]
 Formula = Callable[..., Geometry | RobotGeometry]
 
 
+ELSEWHERE = 'to add nodes and cables to this kind, write [[added]]; to list all of them, kind = "custom"'
+"""What to do in place of nodes, struts or cables among the keys of a kind."""
+
+
 class FixedAxes(Table):
     """A node that does not move along some axes: any of "x", "y" and "z", such as "xz"."""
 
@@ -38,6 +42,7 @@ class _Shape(Table, kw_only=True):
     aligned: bool = False
     height: float = 0.0
     prestress: Positive | None = None
+    elsewhere: ClassVar[dict[str, str]] = dict.fromkeys(("nodes", "struts", "cables"), ELSEWHERE)
     formula: ClassVar[Formula]
     """makes the geometry of the kind's own keys"""
 

@@ -1,6 +1,6 @@
 """The common base of a scene file's tables: no unknown keys, and numbers within limits."""
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import msgspec
 from msgspec import Meta
@@ -15,3 +15,6 @@ Pair = tuple[int, int]
 
 class Table(msgspec.Struct, forbid_unknown_fields=True):
     """A table of a scene file; unknown keys are refused."""
+
+    elsewhere: ClassVar[dict[str, str]] = {}
+    """what to do in place of keys that one might look for in this table, by these keys"""

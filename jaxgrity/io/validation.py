@@ -46,8 +46,10 @@ def explain(message: str, tables: dict, model: type) -> str:
     unknown = re.search(r"unknown field `(.*)`", reason, re.DOTALL)
     if unknown:
         key = place([*steps, unknown[1]])
-        what, known = "key" if steps else "table", ", ".join(_keys(kinds, value))
-        return f"{key}{_received(value.get(unknown[1]))}: unknown {what}; expected one of {known}"
+        what, table = "key" if steps else "table", _table(kinds, value)
+        known, advice = ", ".join(_keys(table)), getattr(table, "elsewhere", {}).get(unknown[1])
+        found = f"{key}{_received(value.get(unknown[1]))}: unknown {what}; expected one of {known}"
+        return found if advice is None else f"{found}; {advice}"
     missing = re.search(r"required field `(.*)`", reason)
     if missing:
         return f"{place([*steps, missing[1]])}: missing; expected {_expected(_inside(kinds, value, missing[1]))}"
@@ -139,9 +141,13 @@ def _inside(kinds: Sequence[Any], value: Any, step: str | int) -> list[Any]:
     return found
 
 
-def _keys(kinds: Sequence[Any], value: dict) -> list[str]:
-    """The keys that a table may have."""
-    kind = next(kind for kind in kinds if _is_table(kind) and _fits(kind, value))
+def _table(kinds: Sequence[Any], value: dict) -> Any:
+    """The type of a table with this `value`."""
+    return next(kind for kind in kinds if _is_table(kind) and _fits(kind, value))
+
+
+def _keys(kind: Any) -> list[str]:
+    """The keys that a table of a type may have."""
     tag = kind.__struct_config__.tag_field
     return [*([tag] if tag else []), *kind.__struct_fields__]
 

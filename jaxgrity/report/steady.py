@@ -27,6 +27,10 @@ MODELS = ("robust", "other_contact_model")
 """Names of the two judgements by perturbed robots: on the scene's own contact model, and on the other one."""
 NOT_LASTING = "this gait does not last; try another seed, or a longer search"
 """What a report says of a gait without an orbit."""
+ENSEMBLE_TIME, ENSEMBLE_SHARE = 60.0, 0.2
+"""Longest time for which perturbed robots roll, s, and its largest share of the time for which the gait is watched. A
+quick search watches for a shorter time: on the contact twin, an ensemble of a minute would take as long as all the
+rest."""
 STAGES = 4
 """Number of parts of the work. Progress is shown after each."""
 
@@ -47,7 +51,8 @@ def steady_facts(
     Args:
         scene: with a gait of one frequency.
         uncertainty: that of perturbed robots (`robot_motions`).
-        duration: s, of the rollout; longer where cycles of this gait need it, and a whole number of periods.
+        duration: s, of the rollout of the gait, and the scale of that of perturbed robots (`ensemble_time`); longer
+            where cycles of this gait need it, and a whole number of periods.
         dt: s; by default the scene's own step.
         seed: seed of the draws of robots.
         heading: rad from +x, of the requested direction, if any; the speed along it is then given too.
@@ -66,7 +71,8 @@ def steady_facts(
     watched = float(np.ceil(max(duration, least) / period_of(scene.gait)) * period_of(scene.gait))
     orbit, cycle, bars = orbit_error_bars(scene, watched, options=options)
     on_progress()
-    robots = _over_robots(scene, uncertainty, step, orbit.cycle if orbit.settled else None, seed, on_progress)
+    span = ensemble_time(duration)
+    robots = _over_robots(scene, uncertainty, span, step, orbit.cycle if orbit.settled else None, seed, on_progress)
     held = stability(scene, orbit, options=options) if orbit.verified_for else None
     on_progress()
     return {
@@ -87,6 +93,11 @@ def steady_facts(
     }
 
 
+def ensemble_time(duration: float) -> float:
+    """The time for which perturbed robots roll, s, for a gait that is watched for `duration`, s."""
+    return min(ENSEMBLE_TIME, ENSEMBLE_SHARE * duration)
+
+
 def _repetition(scene: Scene, orbit: Orbit, options: SolverOptions) -> Facts | None:
     """None where positions do not decide the symmetries, as of a robot in a plane."""
     try:
@@ -105,17 +116,24 @@ class _Robots(NamedTuple):
 
 
 def _over_robots(
-    scene: Scene, uncertainty: Uncertainty, step: float, cycle: float | None, seed: int, on_progress: Callable[[], None]
+    scene: Scene,
+    uncertainty: Uncertainty,
+    span: float,
+    step: float,
+    cycle: float | None,
+    seed: int,
+    on_progress: Callable[[], None],
 ) -> _Robots:
-    """Perturbed robots on the own model and on its contact twin, for a minute."""
+    """Perturbed robots on the own model and on its contact twin, for a time `span`, s."""
+    same: Facts = {"duration": span, "cycle": cycle, "seed": seed}
     coarse, fine = (
-        robot_motions(scene, uncertainty, cycle=cycle, seed=seed, options=SolverOptions(dt=dt, dtype="float32"))
+        robot_motions(scene, uncertainty, **same, options=SolverOptions(dt=dt, dtype="float32"))
         for dt in (step, step / 2)
     )
     on_progress()
     twin = contact_twin(scene)
     options = SolverOptions(dt=default_step(twin, default_method(twin)), dtype="float32")
-    other = robot_motions(twin, uncertainty, cycle=cycle, seed=seed, options=options)
+    other = robot_motions(twin, uncertainty, **same, options=options)
     on_progress()
     return _Robots(fine, other, abs(over_robots(fine.speed - coarse.speed)["mean"]))
 

@@ -26,6 +26,8 @@ from jaxgrity.search.genetic_algorithm import EvolutionState, Generation, Record
 
 SETTINGS, STATE, RESULTS = "run.json", "state_{}.npz", ("summary.json", "gait.json", "population.npz")
 """Names of the files of a search: its settings, the state of each evolution, and what it found."""
+PROMOTED, POLISHED = "promoted.npz", "polished.npz"
+"""Names of the files with the results of the stages after evolution, for a search that is resumed."""
 RUN_OR_RESTART = "expected a run of this version, or restart"
 """End of messages on files of a search that cannot be read."""
 PROBE, SPACE = ".probe", 2**20
@@ -139,8 +141,17 @@ def holds_unfinished(folder: Path) -> bool:
 
 def left_over(folder: Path) -> list[Path]:
     """What an earlier run left in the folder that a new one takes away or writes over."""
-    names = [*folder.glob(STATE.format("*")), *(folder / name for name in (SETTINGS, *RESULTS))]
+    names = [*folder.glob(STATE.format("*")), *(folder / name for name in (SETTINGS, PROMOTED, POLISHED, *RESULTS))]
     return [path for path in names if path.exists()]
+
+
+def saved_arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a file of a search, by their names. Raises `InputError` for a damaged one."""
+    try:
+        with open(path, "rb") as file, np.load(file) as arrays:
+            return dict(arrays)
+    except (ValueError, EOFError, BadZipFile, zlib.error) as error:
+        raise InputError(f"{path}: damaged: {error}; {RUN_OR_RESTART}") from error
 
 
 @typed
@@ -148,11 +159,7 @@ def load_states(folder: Path) -> tuple[EvolutionState, ...]:
     """The states of a run's searches, as far as they got."""
     found: list[EvolutionState] = []
     while (path := folder / STATE.format(len(found))).exists():
-        try:
-            with np.load(path) as file:
-                saved = dict(file)
-        except (ValueError, EOFError, BadZipFile, zlib.error) as error:
-            raise InputError(f"{path}: damaged: {error}; {RUN_OR_RESTART}") from error
+        saved = saved_arrays(path)
         if missing := [name for name in Record._fields if f"record_{name}" not in saved]:
             raise InputError(f"{path}: has no record_{missing[0]}; {RUN_OR_RESTART}")
         record = Record(*(saved[f"record_{name}"] for name in Record._fields))

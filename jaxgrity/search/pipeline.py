@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import wraps
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -25,6 +24,7 @@ from jaxgrity.search.fidelity import (
     search_levels,
 )
 from jaxgrity.search.genetic_algorithm import Evolution, GAConfig
+from jaxgrity.search.kept_stages import load_polished, load_promoted, save_polished, save_promoted
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish import Polished, polish
 from jaxgrity.search.polish_kept import kept_or_undone
@@ -40,6 +40,8 @@ UNSEEN = 10**6
 """Number added to the seed for the final evaluation, so that its draws did not choose any gait."""
 BRED = "crossover", "mutation_rate", "mutation_size"
 """Settings of the genetic algorithm that no config gives: a search that is resumed has to breed as it began."""
+KEPT_RESULT = {"result": "as saved"}
+"""Fact about a stage that is not repeated, since the folder holds its result."""
 Stage = Literal["evolving", "promoting", "polishing", "verifying"]
 
 
@@ -48,7 +50,7 @@ class Progress(NamedTuple):
 
     stage: Stage
     done: int
-    """number of finished generations, fidelity levels, steps of polish or evaluations"""
+    """number of finished generations, comparisons of promotion, steps of polish or evaluations"""
     total: int | None
     """their total number; None: not known"""
     facts: dict[str, Any]
@@ -93,8 +95,8 @@ def search_gaits(
 
     Thousands of rough rollouts screen gaits, and the scene's own model improves them. The best are compared on both
     contact models, gradients polish them, and some hundred fine rollouts evaluate the result. If you give a folder,
-    every generation is saved, and you can resume an interrupted search to the same result. Stages after evolution are
-    then run again.
+    every generation is saved, and so are the promoted and the polished gaits. You can resume an interrupted search to
+    the same result. The verdict is then made again.
 
     Args:
         scene: a scene with a gait. What the search does not vary stays as in this gait.
@@ -102,7 +104,7 @@ def search_gaits(
         folder: folder for the states of the search and its last population; by default nothing is saved.
         resume: whether to continue the search in the folder; scene and config must be the same.
         restart: whether to start again if the folder holds an unfinished search.
-        on_progress: called at the beginning of each stage, and after every generation, level, step and evaluation.
+        on_progress: called at the beginning of each stage, and after every generation, comparison, step and evaluation.
         report: called with the result before the search counts as finished, for example to write files.
 
     Returns:
@@ -122,11 +124,11 @@ def search_gaits(
         ((6,), True)
     """
     with _begun(scene, config or SearchConfig(), on_progress, folder, resume, restart) as search:
-        evolutions = _evolve(search)
-        promoted = _promote(search, evolutions[-1])
-        polished = _polish(search, promoted)
+        evolutions = search.timed("evolving", _evolve)
+        promoted = search.timed("promoting", _promote, evolutions[-1])
+        polished = search.timed("polishing", _polish, promoted)
         gait = _best(search, promoted, polished)
-        verdict = _verify(search, gait)
+        verdict = search.timed("verifying", _verify, gait)
         scene, found = with_gait(search.problem.scene, gait), (evolutions, promoted, polished, verdict)
         result = SearchResult(scene, gait, search.problem, search.levels, *found, search.seconds)
         if report is not None:
@@ -153,6 +155,18 @@ class _Search:
     def bounds(self) -> ActuatorBounds:
         """Bounds on the actuators."""
         return self.problem.fitness.bounds
+
+    @property
+    def folder(self) -> Path | None:
+        """The folder of the search, if any."""
+        return None if self.checkpoint is None else self.checkpoint.folder
+
+    def timed(self, stage: Stage, run: Callable, *given: Any) -> Any:
+        """The result of a stage, whose wall time is recorded."""
+        began = time.perf_counter()
+        found = run(self, *given)
+        self.seconds[stage] = time.perf_counter() - began
+        return found
 
 
 @contextmanager
@@ -184,23 +198,6 @@ def _begun(
         yield _Search(problem, levels, config, breeding, checkpoint, listener or (lambda progress: None), {})
 
 
-def _timed(stage: Stage) -> Callable[[Callable], Callable]:
-    """Decorator that records the wall time of a stage."""
-
-    def timed(run: Callable) -> Callable:
-        @wraps(run)
-        def noting(search: _Search, *given):
-            began = time.perf_counter()
-            found = run(search, *given)
-            search.seconds[stage] = time.perf_counter() - began
-            return found
-
-        return noting
-
-    return timed
-
-
-@_timed("evolving")
 def _evolve(search: _Search) -> tuple[Evolution, ...]:
     """The genetic search in float32, on every core, on each of the levels where gaits are searched."""
     checkpoint, levels = search.checkpoint, search_levels(search.levels)
@@ -226,22 +223,32 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
     return tuple(found)
 
 
-@_timed("promoting")
 def _promote(search: _Search, last: Evolution) -> Promoted:
     """The best gaits of the last evolution, on both contact models and by more robots."""
 
     def tell(done: int, total: int, facts: dict[str, str]) -> None:
         search.tell(Progress("promoting", done, total, facts))
 
-    return promote(search.problem.without_force_bounds, search.bounds, search.levels, last, search.config, tell)
+    found = None if search.folder is None else load_promoted(search.folder, search.levels.compared)
+    if found is not None:
+        tell(1, 1, KEPT_RESULT)
+        return found
+    found = promote(search.problem.without_force_bounds, search.bounds, search.levels, last, search.config, tell)
+    if search.folder is not None:
+        save_promoted(search.folder, found)
+    return found
 
 
-@_timed("polishing")
 def _polish(search: _Search, promoted: Promoted) -> Polished | None:
     """The gradient stage, on the scene's own model at a rough step; start and end are compared at its own step."""
     config, levels, done = search.config, search.levels, 0
     if config.polish is None:
         return None
+    genome, starts = genome_to_polish(search.problem, promoted.genes, config.polish)
+    found = None if search.folder is None else load_polished(search.folder, genome)
+    if found is not None:
+        search.tell(Progress("polishing", len(found.steps), len(found.steps), KEPT_RESULT))
+        return found
     search.tell(Progress("polishing", 0, None, {}))
 
     def tell_step(step) -> None:
@@ -249,7 +256,6 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         done += 1
         search.tell(Progress("polishing", done, None, {"fitness": step.fitness}))
 
-    genome, starts = genome_to_polish(search.problem, promoted.genes, config.polish)
     problem = search.problem._replace(genome=genome)
     found = polish(
         problem.without_force_bounds,
@@ -260,7 +266,10 @@ def _polish(search: _Search, promoted: Promoted) -> Polished | None:
         seed=config.seed,
         on_step=tell_step,
     )
-    return kept_or_undone(problem, levels, promoted, starts[0], found, config.polish, config.seed)
+    found = kept_or_undone(problem, levels, promoted, starts[0], found, config.polish, config.seed)
+    if search.folder is not None:
+        save_polished(search.folder, found)
+    return found
 
 
 def _best(search: _Search, promoted: Promoted, polished: Polished | None) -> Gait:
@@ -272,7 +281,6 @@ def _best(search: _Search, promoted: Promoted, polished: Polished | None) -> Gai
     return gait if search.config.space.active is None else without_idle(gait)
 
 
-@_timed("verifying")
 def _verify(search: _Search, gait: Gait) -> Verdict:
     """Evaluate the gait by fine rollouts, with draws that did not choose it."""
 

@@ -63,7 +63,7 @@ def promote(
     levels: FidelityLevels,
     evolution: Evolution,
     config: SearchConfig,
-    on_level: Callable[[int, int, dict[str, str]], None],
+    on_part: Callable[[int, int, dict[str, str]], None],
 ) -> Promoted:
     """The best gaits of an evolution.
 
@@ -73,8 +73,8 @@ def promote(
     attract (a multiplier of 1 or more) come after those whose orbit does. Gaits beyond a bound on actuators come last,
     the farther the later: bounds on forces and powers on the nominal robot, the one on rates on all robots.
 
-    Raises `InputError` where every rollout of the last generation failed. `on_level` gets how many levels are done, how
-    many there are, and the name of the next.
+    Raises `InputError` where every rollout of the last generation failed. `on_part` gets how many comparisons are done,
+    how many there are, and the next: each level, then the finalists, then the orbit of each.
     """
     genome, wanted = problem.genome, 1 if config.polish is None else config.polish.gaits
     genes = distinct(evolution.last, genome, COMPARED)
@@ -82,20 +82,24 @@ def promote(
         raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
     chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, genome.size))
     gaits = genome.gaits(problem.scene.gait, np.concatenate([genes, chance]))
-    tried = levels.compared
+    tried, finalists = levels.compared, min(max(FINALISTS, wanted), len(genes))
+    watched = config.evaluation.attracting and _have_orbits(problem)
+    parts = len(tried) + 1 + (finalists if watched else 0)
     scores: list[Scores] = []
     for level in tried:
-        on_level(len(scores), len(tried), {"level": level.name})
+        on_part(len(scores), parts, {"level": level.name})
         scores.append(judge_at(level, gaits, problem, config.seed + 2))
-    on_level(len(tried), len(tried), {"level": "finalists"})
+    on_part(len(tried), parts, {"level": "finalists, by more robots"})
     first, table = len(genes), np.array([np.where(each.excess.any(1), np.nan, each.fitness) for each in scores])
     agreement = Agreement(tried, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
     excess = excess_at(levels.own, genes, problem, bounds)
-    best = np.lexsort((-scores[-1].merit[:first], excess))[: max(FINALISTS, wanted)]
+    best = np.lexsort((-scores[-1].merit[:first], excess))[:finalists]
     finals = _finals(problem, levels.decisive, genes[best], config.seed)
     multipliers = None
-    if config.evaluation.attracting:
-        multipliers = multipliers_of(problem, genes[best], 2 * levels.verification.dt)
+    if watched:
+        orbits = lambda k: on_part(len(tried) + 1 + k, parts, {"orbit of finalist": str(k + 1)})  # noqa: E731
+        multipliers = multipliers_of(problem, genes[best], 2 * levels.verification.dt, orbits)
+    on_part(parts, parts, {})
     repels = np.zeros(len(best), bool) if multipliers is None else multipliers >= 1
     order = np.lexsort((-finals.merit, repels, excess[best]))
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
@@ -104,20 +108,32 @@ def promote(
     return Promoted(chosen, finals, multipliers, agreement)
 
 
-def multipliers_of(problem: SearchProblem, genes: Genes, step: float) -> np.ndarray | None:
+def multipliers_of(
+    problem: SearchProblem, genes: Genes, step: float, on_orbit: Callable[[int], None] = lambda number: None
+) -> np.ndarray | None:
     """Of the gaits' orbits (`orbit_multipliers`), for objectives that look for orbits, on planes; else None."""
-    scene = problem.scene
-    if not problem.seeks_orbits or scene.ground is None:
+    if not _have_orbits(problem):
         return None
-    return orbit_multipliers(scene, problem.genome.gaits(scene.gait, genes), step)
+    return orbit_multipliers(problem.scene, problem.genome.gaits(problem.scene.gait, genes), step, on_orbit)
 
 
-def orbit_multipliers(scene: Scene, gaits: Gait, dt: float) -> Float[np.ndarray, " gaits"]:
+def _have_orbits(problem: SearchProblem) -> bool:
+    return problem.seeks_orbits and problem.scene.ground is not None
+
+
+def orbit_multipliers(
+    scene: Scene, gaits: Gait, dt: float, on_orbit: Callable[[int], None] = lambda number: None
+) -> Float[np.ndarray, " gaits"]:
     """The largest multiplier of each gait's orbit (`stability`); infinite without an orbit in `shortest_watch`.
 
-    Steps are `dt` (s), or the scene's for a gait that needs smaller ones. Raises `InputError` as `find_orbit` does.
+    Steps are `dt` (s), or the scene's for a gait that needs smaller ones. `on_orbit` hears the number of each gait
+    before its orbit is sought. Raises `InputError` as `find_orbit` does.
     """
-    return np.array([_multiplier(with_gait(scene, one_gait(gaits, k)), dt) for k in range(len(gaits.phase))])
+    found = []
+    for k in range(len(gaits.phase)):
+        on_orbit(k)
+        found.append(_multiplier(with_gait(scene, one_gait(gaits, k)), dt))
+    return np.array(found)
 
 
 def multiplier_words(multiplier: float) -> str:

@@ -116,7 +116,8 @@ def _push(scene: Scene, layout: Blocks, group: tuple[int, ...], directions: Memb
     if layout.by_struts:
         first, second = layout.ends(layout.numbers(inverse_mass), group)
         along_strut = components_of(directions, ground)
-        return along_strut * first, along_strut * -second
+        of_firsts = Components(*(layout.padded(part) for part in (along_strut * first).each))
+        return of_firsts, along_strut * -second
     edges = tuple(layout.edges[k] for k in group)
     on_nodes = accumulate(rows_of(directions, group), edges, len(inverse_mass))
     return layout.split(scale(on_nodes, inverse_mass), ground)
@@ -154,8 +155,7 @@ def sweep(scene: Scene, problem: StepProblem, trials: Trials) -> Trials:
     # group after group, each on what the last one left: struts that share a node would overshoot if met at once
     for group, push in zip(layout.groups, problem.pushes):
         s = layout.at_nodes(_to_length(_strut(layout, problem, contacts, group, push, trials)), group)
-        met = tuple(trial - one * size for trial, one, size in zip(trials, push, s))
-        trials = met + trials[len(push) :]
+        trials = tuple(trial - one * size for trial, one, size in zip(trials, push, s))
     return trials
 
 
@@ -206,17 +206,19 @@ def rates_at_impulses(
         rate - push_rate * ((z0 - z).dot(u) * inverse(u.dot(u)))
         for rate, push_rate, z, z0, u in zip(before_rates, push_rates, after, before, pushes)
     )
-    return (*found, *before_rates[len(pushes) :])
+    return tuple(found)
 
 
-def rates_at_lengths(problem: StepProblem, partial: Trials, missed: PerMember, slope: PerMember) -> Trials:
+def rates_at_lengths(
+    scene: Scene, problem: StepProblem, partial: Trials, missed: PerMember, slope: PerMember
+) -> Trials:
     """The derivative of trial impulses that keep struts at their lengths: `partial`, and -missed/slope along each.
 
     `missed` is the rate of `length_gap` at constant impulses, and `slope` its change by an impulse of 1.
     """
-    (pushes,) = problem.pushes
-    change = over(missed, slope)
-    return (*(rate + u * change for rate, u in zip(partial, pushes)), *partial[len(pushes) :])
+    (pushes,), layout = problem.pushes, blocks_of(scene)
+    changes = layout.at_nodes(over(missed, slope), layout.groups[0])
+    return tuple(rate + u * change for rate, u, change in zip(partial, pushes, changes))
 
 
 class _Strut(NamedTuple):

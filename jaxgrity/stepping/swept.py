@@ -142,4 +142,4 @@ class SweptImpulses(Complementarity):
         partial = self.lift(rates_at_impulses, (-1, -1, -1, -1, -1))(problem, problem_dot, before, before_dot, after)
         at, along = (scene, problem, after), (scene_dot, problem_dot, partial)
         _, missed, slope = jax.jvp(self.lift(length_gap, ("s", -1, -1)), at, along, has_aux=True)
-        return self.lift(rates_at_lengths, (-1, -1, -1, -1))(problem, partial, missed, slope)
+        return self.lift(rates_at_lengths, ("s", -1, -1, -1, -1))(scene, problem, partial, missed, slope)

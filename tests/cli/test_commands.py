@@ -425,9 +425,29 @@ def test_a_picture_that_fails_costs_this_picture(monkeypatch, tmp_path, capsys):
     scene = load_scene("exact")
     motion = roll_out(scene, 0.1)
     settings = SimulateSettings(scene="exact", out=tmp_path, animation="none", replay=False)
-    assert not simulate.leave_pictures(scene, motion, settings)
+    simulate.leave_pictures(scene, motion, settings)
     assert capsys.readouterr().out.splitlines() == ["no members.png: ValueError: no such colour"]
     assert [file.name for file in tmp_path.iterdir()] == ["forces.png"]
+
+
+@pytest.mark.slow
+def test_the_replay_comes_before_the_diagnosis(monkeypatch, tmp_path, capsys):
+    """So one sees the motion early; a diagnosis that fails costs itself alone, with a line."""
+    pytest.importorskip("viser")
+    there = []
+
+    def failing(*_, **__):
+        there.append((tmp_path / "replay.html").exists())
+        raise MemoryError("no room\nand more")
+
+    monkeypatch.setattr(simulate, "diagnose", failing)
+    found = simulate.single(load_scene("exact"), 0.1, SimulateSettings(scene="exact", out=tmp_path))
+    lines = capsys.readouterr().out.splitlines()
+    watched = f"to watch the motion in 3D, open {tmp_path}/replay.html in a browser"
+    assert there == [True]
+    assert lines.index(watched) < lines.index("no diagnosis: MemoryError: no room")
+    assert (found["diagnosis"], found["failed"]) == (None, [])
+    assert (tmp_path / "path.png").exists()
 
 
 @pytest.mark.parametrize(
@@ -673,7 +693,7 @@ def test_every_stage_of_a_search_shows_how_far_it_is(search_run):
     stages = ["evolving", "promoting", "polishing", "verifying", "reporting"]
     seen = [line.split(":")[0] for line in lines if re.match(r"[a-z]+: +[0-9].*\[\d\d:\d\d", line)]
     assert list(dict.fromkeys(seen)) == stages
-    for stage, total in (("evolving", 5), ("promoting", 3), ("verifying", 4), ("reporting", 9)):
+    for stage, total in (("evolving", 5), ("promoting", 8), ("verifying", 4), ("reporting", 9)):
         shown = [line for line in lines if line.startswith(f"{stage}:")]
         assert f" 0/{total} [" in shown[0]
         assert f" {total}/{total} [" in shown[-1]
@@ -739,6 +759,14 @@ def test_a_step_that_takes_long_is_not_silent(monkeypatch, capsys):
         bars.hear(Progress("verifying", 1, 4, {}))
         again.wait()  # for ever, where nothing is shown
     assert capsys.readouterr().out.count(progress.STILL) == 1
+
+
+def test_a_bar_says_what_is_done_now(capsys):
+    """Also where steps are uneven: a bar that counts alone would stand still without a reason."""
+    with progress.Bars() as bars:
+        bars.hear(Progress("promoting", 3, 8, {"level": "finalists"}))
+        bars.bar.refresh()
+    assert re.search(r"promoting: +38%\|.*\| 3/8 \[00:00, level=finalists\]", capsys.readouterr().out)
 
 
 def test_searches_are_compared(jaxgrity, search_run, tmp_path):

@@ -13,8 +13,9 @@ from jaxgrity.core.display import significant
 from jaxgrity.report import gait_report, plot
 from jaxgrity.report.gait_report import leave_figures, write_page
 from jaxgrity.report.gait_rows import _chosen, distance_words, late_words, leading_sentences, outcome_rows, search_rows
+from jaxgrity.report.measuring import WATCHED
 from jaxgrity.report.orbit_plot import _moving_frame
-from jaxgrity.report.steady import steady_rows
+from jaxgrity.report.steady import ensemble_time, steady_rows
 
 STEADY = {
     "settled": True,
@@ -420,3 +421,10 @@ def test_numbers_keep_their_decimals_where_those_are_enough():
         (3e-9, "3.00e-09"),
     ):
         assert significant(value) == words
+
+
+def test_perturbed_robots_roll_for_a_minute_but_not_after_quick_searches():
+    """There the ensembles of the report would take as long as the search."""
+    assert ensemble_time(WATCHED * jaxgrity.SearchConfig().duration) == 60.0
+    assert ensemble_time(1000.0) == 60.0
+    assert ensemble_time(WATCHED * 16.0) == pytest.approx(24.0)

@@ -13,7 +13,13 @@ from jaxgrity.io.files import save_arrays
 from jaxgrity.model.height_fields import HeightFunction
 from jaxgrity.search import load_states, open_checkpoint
 from jaxgrity.search.checkpoint import fingerprint, holds_unfinished, left_over
+from jaxgrity.search.climb import ClimbStep
 from jaxgrity.search.genetic_algorithm import EvolutionState, Generation, Record, begin
+from jaxgrity.search.judging import Scores
+from jaxgrity.search.kept_stages import load_polished, load_promoted, save_polished, save_promoted
+from jaxgrity.search.polish import Polished
+from jaxgrity.search.promotion import Agreement, Promoted
+from jaxgrity.trust.sensitivity import Sensitivity
 
 SETTINGS = {"scene": Path("robot.toml"), "bounds": (0.1, 0.3), "seed": 3, "dt": None}
 GENOME, CONFIG = Genome(3), GAConfig(population=4, elites=1)
@@ -271,3 +277,63 @@ def test_a_scene_with_a_function_is_known_again(exact):
     others = {told(HILL.replace(*change)) for change in changes}
     assert told(HILL) == told(HILL)
     assert len(others | {told(HILL), fingerprint(exact)}) == len(changes) + 2
+
+
+def scores(random: np.random.Generator, gaits: int) -> Scores:
+    """At random; one gait failed."""
+    return Scores(*random.normal(size=(3, gaits)), np.arange(gaits) == 1, *random.normal(size=(2, gaits, 6)))
+
+
+def promoted_gaits(multipliers: np.ndarray | None) -> Promoted:
+    random = np.random.default_rng(0)
+    ranks = np.array([[1.0, np.nan], [np.nan, 1.0]])
+    agreement = Agreement((), random.normal(size=(2, 5)), 3, ranks, ranks)
+    return Promoted(random.uniform(size=(1, 3)), scores(random, 4), multipliers, agreement)
+
+
+def polished_gait(sensitivity: Sensitivity | None, steps: tuple[ClimbStep, ...]) -> Polished:
+    random = np.random.default_rng(1)
+    each = scores(random, 1), scores(random, 1)
+    genes = random.uniform(size=3).astype(np.float32)
+    return Polished(genes, GENOME, True, *each, steps, 0.1 + 0.2, sensitivity, 128, "fitness up by 1/3 \u00b1 0.1")
+
+
+@pytest.mark.parametrize("multipliers", [None, np.array([0.3, np.inf])])
+def test_promoted_gaits_come_back_to_the_last_bit(tmp_path, multipliers):
+    assert load_promoted(tmp_path, ()) is None
+    save_promoted(tmp_path, promoted_gaits(multipliers))
+    found = load_promoted(tmp_path, ())
+    assert type(found.agreement.evolved) is int
+    assert_same(found, promoted_gaits(multipliers))
+
+
+@pytest.mark.parametrize("steps", [(), (ClimbStep(0.1, 1 / 3, 1.0, -2.0), ClimbStep(0.2, 1e-30, 0.0, np.inf))])
+@pytest.mark.parametrize("growth", [None, Sensitivity(np.arange(3) / 10, np.array([0, 1 / 3, np.inf]), "m/(m/s)")])
+def test_a_polished_gait_comes_back_to_the_last_bit(tmp_path, growth, steps):
+    assert load_polished(tmp_path, GENOME) is None
+    mine = polished_gait(growth, steps)
+    save_polished(tmp_path, mine)
+    found = load_polished(tmp_path, GENOME)
+    assert found.genome is GENOME
+    words = [(each.reason, each.sensitivity and each.sensitivity.unit) for each in (found, mine)]
+    assert words[0] == words[1]
+    plain = [
+        each._replace(genome=None, reason="", sensitivity=each.sensitivity and each.sensitivity[:2])._asdict()
+        for each in (found, mine)
+    ]
+    for each in plain:
+        del each["reason"]
+    assert_same(*plain)
+
+
+@pytest.mark.parametrize(
+    ("load", "name", "rest"), [(load_promoted, "promoted.npz", ()), (load_polished, "polished.npz", GENOME)]
+)
+def test_damaged_results_of_a_stage_are_refused(tmp_path, load, name, rest):
+    """In one line that says which file, and what to do."""
+    (tmp_path / name).write_bytes(b"PK\x03\x04 half of a file")
+    with pytest.raises(InputError, match=rf"{name}: damaged: .*; expected a run of this version, or restart$"):
+        load(tmp_path, rest)
+    save_arrays(tmp_path / name, genes=np.zeros(3))
+    with pytest.raises(InputError, match=rf"{name}: is not complete: .*; expected a run of this version, or restart$"):
+        load(tmp_path, rest)

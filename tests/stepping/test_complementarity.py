@@ -197,7 +197,7 @@ def test_laid_out_by_struts_a_sweep_does_the_same(exact, incline, monkeypatch):
         if not by_struts:
             monkeypatch.setattr(constraints, "blocks", lambda *_: by_nodes)
         problem = step_problem(scene, 0.01, 1.5, q, w)
-        assert len(problem.closing) == (3 if by_struts else 1)
+        assert len(problem.closing) == (2 if by_struts else 1)
         trials = trials_of(scene, w)
         for _ in range(3):
             trials = sweep(scene, problem, trials)
