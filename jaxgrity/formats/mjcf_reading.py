@@ -19,7 +19,7 @@ from jaxgrity.formats.mjcf_drag import drag_of
 from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, shared_nodes
 from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, name_of
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
-from jaxgrity.formats.mjcf_tendons import Spring, laws_of, pushing_cable, springs_of, with_dampers_beside
+from jaxgrity.formats.mjcf_tendons import Spring, laws_of, pushing_cable, springs_of, with_others_beside
 from jaxgrity.formats.mjcf_text import mjcf_text, with_element_lines
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
@@ -101,7 +101,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     if any(is_free(model, body) for body in carrier.tolist()):
         springs = _as_cables(springs, x, notes)
     springs = [pushing_cable(each, 0.0) if each.kind == "strut" and len(each.path) > 2 else each for each in springs]
-    springs = with_dampers_beside(springs)
+    springs = with_others_beside(springs)
     pushing = [spring for spring in springs if spring.kind == "strut"]
     # rods are rigid struts, beside which no strut is a spring, and no cable runs along one: these rods are bodies, too
     solid = set(carrier.tolist()) if pushing else _crossed(springs, carrier)
@@ -246,14 +246,22 @@ def _members(springs: list[Spring], x: np.ndarray) -> Members | None:
 
 def _note_controls(springs: list[Spring], first: int, notes: list[str]) -> None:
     """Which members controls move, as a gait names them, and how far; `first` is the number of the first spring."""
-    members: list[int] = []
+    members, forced, most = list[int](), list[int](), 0.0
     low, high = 0.0, 0.0
     for spring in springs:
         count = len(spring.path) - 1
         if any(spring.change):
             members += range(first, first + count)
             low, high = (f(end, x / spring.rest_length) for f, end, x in zip((min, max), (low, high), spring.change))
+        elif spring.reach:
+            forced += range(first, first + count)
+            most = max(most, spring.reach)
         first += count
+    if forced:
+        notes.append(
+            f"controls set the pull of {len(forced)} members at any length: shortening by a share s adds s times "
+            f"up to {most:g} N: [gait] members = {forced}"
+        )
     if members:
         reach = f"by {low:.0%} to {high:.0%}" if np.isfinite(high) else "without a limit"
         notes.append(f"controls change the rest lengths of {len(members)} members {reach}: [gait] members = {members}")

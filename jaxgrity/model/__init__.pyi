@@ -1,6 +1,7 @@
 from .actuation import Command, random_members, rest_length
 from .balls import Balls
 from .bodies import Body, body_moments, rigid_body
+from .commanded_pull import commanded_pull
 from .contact_twin import exact_twin, penalty_twin
 from .force_laws import cable_dampers, dead_band
 from .friction import Friction
@@ -33,6 +34,7 @@ __all__ = [
     "body_length",
     "body_moments",
     "cable_dampers",
+    "commanded_pull",
     "dead_band",
     "energy_of_motion",
     "exact_twin",

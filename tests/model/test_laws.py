@@ -42,12 +42,14 @@ from jaxgrity.model import (
     Ground,
     Pulley,
     cable_dampers,
+    commanded_pull,
     dead_band,
     rigid_body,
     standing_symmetries,
     symmetries,
     with_contact_between_struts,
 )
+from jaxgrity.model.commanded_pull import CommandedPull
 from jaxgrity.model.dissipation import CapstanFriction
 from jaxgrity.model.force_laws import CableDampers, DeadBand
 from jaxgrity.model.friction import CoulombCone
@@ -87,7 +89,7 @@ def scenes(reference, exact):
     pushed = with_terms(exact, wind([2.0, 0, 0], 0.01, 12), Push((0,), [[1.0, 0, 0]], 0.1, 0.1))
     cables = exact.structure.cables
     laced = with_terms(exact, force_table(cables, [0.0, 0.1, 0.2], [0.0, 60.0, 180.0]), force_limit(cables, 200.0))
-    laced = with_terms(laced, dead_band(cables, 0.1), cable_dampers(cables, 1.0))
+    laced = with_terms(laced, dead_band(cables, 0.1), cable_dampers(cables, 1.0), commanded_pull(cables, 5.0, 9.0))
     payload = rigid_body(exact.structure.nodes, (0, 1, 4, 5, 8), 2.0, [0.1, 0.1, 0.1])
     loaded = eqx.tree_at(lambda s: s.structure.bodies, exact, (payload,))
     touching = with_contact_between_struts(with_contact_along_struts(reference, 2), 0.01)
@@ -107,7 +109,8 @@ def test_every_law_of_the_library_is_known():
     laws = concrete(Law)
     assert len(laws) > 10
     pairs = *ALONG_STRUTS, *BETWEEN_STRUTS
-    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit, DeadBand, CableDampers, Slides, *pairs}
+    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit, DeadBand, CableDampers, CommandedPull}
+    known |= {Slides, *pairs}
     assert {law for law in laws if law not in known and law.name not in {f.name for f in KNOWN_FRICTIONS}} == set()
     assert set(KNOWN_LAWS) <= laws
     assert concrete(Friction) == set(KNOWN_FRICTIONS)
