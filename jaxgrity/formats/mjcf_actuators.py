@@ -120,9 +120,7 @@ def _why_not(model: Any, data: Any, a: int) -> str:
     if servo and np.sum(model.actuator_trnid[:, 0] == model.actuator_trnid[a, 0]) > 1:
         return "is one of several servos of its tendon, of which one only pulls"
     if model.actuator_gaintype[a] == mujoco.mjtGain.mjGAIN_FIXED and not model.actuator_biasprm[a, 1:3].any():
-        return (
-            f"has a force of its own at its control {_input(model, data, a):g}; expected one along a tendon"
-        )
+        return f"has a force of its own at its control {_input(model, data, a):g}; expected one along a tendon"
     return "no spring of a tendon that has a rest length at its control in the start"
 
 

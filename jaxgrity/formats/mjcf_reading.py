@@ -21,6 +21,7 @@ from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, na
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
 from jaxgrity.formats.mjcf_tendons import Spring, laws_of, pushing_cable, springs_of, with_others_beside
 from jaxgrity.formats.mjcf_text import mjcf_text, with_element_lines
+from jaxgrity.formats.mjcf_turning import upright
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
 
@@ -124,12 +125,13 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     structure = Structure(x - found.lift, masses, struts, cables, fixed=fixed, bodies=rigid)
     scene = Scene(
         structure,
-        _gravity(model) or None,
+        gravity_of(model) or None,
         drag if drag.any() else None,
         found.ground,
         found.friction,
         terms=laws_of(pulling, cables, notes),
     )
+    scene = upright(model, scene, found.normal, losses)
     return Imported(scene, together(["SI units, z up, as in MuJoCo", *notes]))
 
 
@@ -265,10 +267,3 @@ def _note_controls(springs: list[Spring], first: int, notes: list[str]) -> None:
     if members:
         reach = f"by {low:.0%} to {high:.0%}" if np.isfinite(high) else "without a limit"
         notes.append(f"controls change the rest lengths of {len(members)} members {reach}: [gait] members = {members}")
-
-
-def _gravity(model: Any) -> float:
-    x, y, z = model.opt.gravity
-    if gravity_of(model) and (x or y or z > 0):
-        raise InputError(f"gravity is {[float(a) for a in (x, y, z)]} m/s^2; expected it along -z")
-    return gravity_of(model)
