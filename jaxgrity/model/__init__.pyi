@@ -7,7 +7,7 @@ from .force_laws import cable_dampers, dead_band
 from .friction import Friction
 from .gait_waves import TravellingWave, travelling_waves
 from .ground import Ground
-from .inertia import energy_of_motion, mass_matrix, mobility, momenta
+from .inertia import energy_of_motion, mass_matrix, mobility, momenta, with_mass_at_ends
 from .load_cases import LoadCase
 from .pulleys import Pulley
 from .scene import body_length
@@ -52,4 +52,5 @@ __all__ = [
     "symmetries",
     "travelling_waves",
     "with_contact_between_struts",
+    "with_mass_at_ends",
 ]
