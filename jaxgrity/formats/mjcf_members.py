@@ -9,8 +9,8 @@ from jaxgrity.core.types import PerMember
 from jaxgrity.formats.foreign import add_element
 from jaxgrity.formats.mjcf_plan import Plan, amplitudes
 from jaxgrity.model.clusters import cables_of, nodes_along
-from jaxgrity.model.commanded_pull import forced_cables
 from jaxgrity.model.force_laws import CableDampers, DeadBand
+from jaxgrity.model.pulls import forced_cables
 from jaxgrity.model.scene import Scene
 
 STRONGEST = 1e9

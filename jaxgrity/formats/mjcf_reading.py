@@ -21,7 +21,7 @@ from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, na
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
 from jaxgrity.formats.mjcf_tendons import Spring, laws_of, pushing_cable, springs_of, with_others_beside
 from jaxgrity.formats.mjcf_text import mjcf_text, with_element_lines
-from jaxgrity.formats.mjcf_turning import upright
+from jaxgrity.formats.mjcf_turning import turned_upright
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
 
@@ -131,7 +131,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
         found.friction,
         terms=laws_of(pulling, cables, notes),
     )
-    scene = upright(model, scene, found.normal, losses)
+    scene = turned_upright(model, scene, found.normal, losses)
     return Imported(scene, together(["SI units, z up, as in MuJoCo", *notes]))
 
 

@@ -9,9 +9,9 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import LARGEST_NUMBER, Losses, some_of
 from jaxgrity.formats.mjcf_actuators import Driven, Force, actuators_of, in_parallel
 from jaxgrity.formats.mjcf_losses import name_of, watched
-from jaxgrity.model.commanded_pull import commanded_pull
 from jaxgrity.model.force_laws import cable_dampers, dead_band, force_limit
 from jaxgrity.model.laws import Law
+from jaxgrity.model.pulls import commanded_pull
 from jaxgrity.model.structure import Members
 
 mujoco: Any = lazy_loader.load("mujoco")
@@ -102,8 +102,8 @@ def _with_force(spring: Spring, force: Force, losses: Losses) -> Spring:
     else:
         spring = spring._replace(pull=pull)
     if K:
-        least = -spring.rest_length
-        return spring._replace(change=tuple(float(max(x + f / K, least)) for x, f in zip(spring.change, (less, more))))
+        least, (short, long) = -spring.rest_length, spring.change
+        return spring._replace(change=(float(max(short + less / K, least)), float(max(long + more / K, least))))
     spring = spring._replace(reach=-less if np.isfinite(less) else pull)
     if spring.acts and force.high > 0:
         losses.note(f"tendon {spring.name}: some controls push there; here it is a cable, which only pulls")

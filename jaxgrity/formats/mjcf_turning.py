@@ -16,7 +16,7 @@ UPRIGHT = 1e-9
 Z = np.array([0.0, 0.0, 1.0])
 
 
-def upright(model: Any, scene: Scene, normal: np.ndarray, losses: Losses) -> Scene:
+def turned_upright(model: Any, scene: Scene, normal: np.ndarray, losses: Losses) -> Scene:
     """The scene, turned so that gravity is along -z and the plane with this unit `normal`, if any, falls along x.
 
     Raises `InputError` where gravity does not press on the plane, or a node slides along axes that would turn too.

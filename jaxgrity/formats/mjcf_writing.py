@@ -14,8 +14,8 @@ from jaxgrity.formats.mjcf_losses import CONTACT_TIME, contact_spring
 from jaxgrity.formats.mjcf_members import add_members
 from jaxgrity.formats.mjcf_plan import Plan, plan_of
 from jaxgrity.io.files import write_whole
-from jaxgrity.model.commanded_pull import CommandedPull
 from jaxgrity.model.force_laws import CableDampers, DeadBand
+from jaxgrity.model.pulls import CommandedPull
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 

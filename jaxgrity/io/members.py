@@ -15,7 +15,6 @@ from jaxgrity.io.member_sizes import has_sizes, members_of_sizes
 from jaxgrity.io.member_tables import CablesTable, ForceKeys, MotorTable, PulleyKeys, StrutsTable, TouchingKeys
 from jaxgrity.io.validation import shown
 from jaxgrity.model.clusters import check_clusters
-from jaxgrity.model.commanded_pull import CommandedPull, commanded_pull
 from jaxgrity.model.force_laws import (
     CableDampers,
     DeadBand,
@@ -30,6 +29,7 @@ from jaxgrity.model.force_laws import (
 from jaxgrity.model.laws import Law
 from jaxgrity.model.motors import Motor
 from jaxgrity.model.pulleys import CableRoute, Pulley, built_lengths, check_pulleys, check_wraps
+from jaxgrity.model.pulls import CommandedPull, commanded_pull
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, per_member
 from jaxgrity.model.strut_contact import radius_of_struts, strut_contact, touching_like, without_strut_contact

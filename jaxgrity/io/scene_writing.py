@@ -46,12 +46,12 @@ from jaxgrity.io.scene_tables import (
 from jaxgrity.io.structure_tables import CustomTable, FixedAxes
 from jaxgrity.io.validation import not_finite
 from jaxgrity.model.actuation import Gait
-from jaxgrity.model.commanded_pull import CommandedPull
 from jaxgrity.model.external import Push, Wind
 from jaxgrity.model.force_laws import CableDampers, DeadBand, ForceLimit, ForceTable
 from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround
 from jaxgrity.model.height_fields import HeightMap, HeightWaves
+from jaxgrity.model.pulls import CommandedPull
 from jaxgrity.model.rod_contact import ALONG_STRUTS, laws_along, radii_along_struts
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking, SupportMotion

@@ -1,7 +1,6 @@
 from .actuation import Command, random_members, rest_length
 from .balls import Balls
 from .bodies import Body, body_moments, rigid_body
-from .commanded_pull import commanded_pull
 from .contact_twin import exact_twin, penalty_twin
 from .force_laws import cable_dampers, dead_band
 from .friction import Friction
@@ -10,6 +9,7 @@ from .ground import Ground
 from .inertia import energy_of_motion, mass_matrix, mobility, momenta, with_mass_at_ends
 from .load_cases import LoadCase
 from .pulleys import Pulley
+from .pulls import commanded_pull
 from .scene import body_length
 from .sizes import MATERIALS, Material, sized_members
 from .slides import Slides

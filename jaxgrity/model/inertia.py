@@ -45,10 +45,12 @@ def with_mass_at_ends(structure: Structure) -> Structure:
         >>> jaxgrity.model.with_mass_at_ends(structure).node_mass.tolist()
         [3.0, 3.0]
     """
-    members = {
-        name: dataclasses.replace(each, mass=None) for name, each, _ in structure.numbered if each.mass is not None
-    }
-    return dataclasses.replace(structure, node_mass=structure.mass_beside_bodies, **members) if members else structure
+    if not structure.rod_masses:
+        return structure
+    struts, cables = (
+        None if each is None else dataclasses.replace(each, mass=None) for each in (structure.struts, structure.cables)
+    )
+    return dataclasses.replace(structure, node_mass=structure.mass_beside_bodies, struts=struts, cables=cables)
 
 
 @typed

@@ -8,11 +8,11 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.clusters import cables_of
-from jaxgrity.model.commanded_pull import forced_cables
 from jaxgrity.model.dissipation import CapstanFriction
 from jaxgrity.model.friction import SwitchFriction
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.pulleys import built_lengths
+from jaxgrity.model.pulls import forced_cables
 from jaxgrity.model.rigidity import linked
 from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
@@ -134,7 +134,7 @@ def _driven_by_force(scene: Scene) -> set[int]:
     cables = scene.structure.cables
     assert cables is not None, "the caller has looked"
     cords = cables_of(cables.clusters, len(cables.edges))
-    return {k for cord, forced in zip(cords, forced_cables(scene).any(1)) if forced for k in cord}
+    return {k for cord, forced in zip(cords, np.any(forced_cables(scene), axis=1).tolist()) if forced for k in cord}
 
 
 def _describe_bodies(structure: Structure) -> list[tuple[str, str]]:

@@ -12,7 +12,7 @@ import pytest
 import jaxgrity
 from jaxgrity import control, model, search
 from jaxgrity.model import force_laws
-from jaxgrity.model.commanded_pull import CommandedPull
+from jaxgrity.model.pulls import CommandedPull
 
 ANY, POSITIVE, NOT_NEGATIVE, COUNT, INDEX, OTHER = "any number", "positive", "not negative", "count", "index", "other"
 """Kinds of fields: finite real numbers, whole numbers from 1 and from 0 on, and what holds no numbers."""

@@ -9,7 +9,7 @@ from formats.test_mjcf_springs import POINT, PULLING, ends, found, largest_error
 from jaxgrity import Gait, InputError, SolverOptions, describe, load_scene, save_scene, with_gait
 from jaxgrity.formats import mjcf_controls, read_mjcf, save_mjcf
 from jaxgrity.model import commanded_pull
-from jaxgrity.model.commanded_pull import CommandedPull, forced_cables
+from jaxgrity.model.pulls import CommandedPull, forced_cables
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -49,12 +49,12 @@ from jaxgrity.model import (
     symmetries,
     with_contact_between_struts,
 )
-from jaxgrity.model.commanded_pull import CommandedPull
 from jaxgrity.model.dissipation import CapstanFriction
 from jaxgrity.model.force_laws import CableDampers, DeadBand
 from jaxgrity.model.friction import CoulombCone
 from jaxgrity.model.law_symmetry import looks_alike
 from jaxgrity.model.laws import Constraint
+from jaxgrity.model.pulls import CommandedPull
 from jaxgrity.model.rod_contact import ALONG_STRUTS
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
 from jaxgrity.model.slides import Slides

@@ -86,5 +86,8 @@ def forced_cables(scene: Scene) -> np.ndarray:
     """(cables, 2): pull P, N, and slope s, N/m, of each cable (segments of one cable count as one); 0 without a law."""
     cables = scene.structure.cables
     count = 0 if cables is None else len(cables_of(cables.clusters, len(cables.edges)))
-    laws = [term for term in scene.terms if isinstance(term, CommandedPull)]
-    return sum((np.stack([law.pull, law.slope], 1) for law in laws), np.zeros((count, 2)))
+    found = np.zeros((count, 2))
+    for term in scene.terms:
+        if isinstance(term, CommandedPull):
+            found = found + np.stack([np.asarray(term.pull), np.asarray(term.slope)], axis=1)
+    return found
