@@ -77,13 +77,20 @@ def _options(model: Any, losses: Losses) -> None:
 
 
 def _joints(model: Any, losses: Losses) -> None:
-    turns = model.jnt_type[model.dof_jntid] != mujoco.mjtJoint.mjJNT_SLIDE if model.nv else np.zeros(0, bool)
+    kinds = model.jnt_type[model.dof_jntid] if model.nv else np.zeros(0, int)
+    slides, hinges = (kinds == kind for kind in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE))
+    turns = ~(slides | hinges)
+    springs, bent = (
+        found[model.dof_jntid] if model.nv else np.zeros(0)
+        for found in (_with_terms(model, "jnt_stiffness"), _terms(model, "jnt_stiffnesspoly"))
+    )
     for kind, values, what in (
-        ("damping", _with_terms(model, "dof_damping") * turns, "damping, and is no slide"),
+        ("damping", _with_terms(model, "dof_damping") * turns, "damping, and is neither a slide nor a hinge"),
         ("damping", _terms(model, "dof_dampingpoly") * ~turns, "damping that is not in proportion to speed"),
         ("friction", _dry(model, model.dof_frictionloss), "dry friction (frictionloss)"),
         ("forces", model.dof_armature, "armature"),
-        ("forces", _with_terms(model, "jnt_stiffness")[model.dof_jntid] if model.nv else np.zeros(0), "a spring"),
+        ("forces", springs * ~hinges, "a spring, and is no hinge"),
+        ("forces", bent * hinges, "a spring that is not linear"),
     ):
         if np.any(values):
             joint = int(model.dof_jntid[np.flatnonzero(values)[0]])

@@ -16,6 +16,7 @@ from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, read_limited,
 from jaxgrity.formats.mjcf_bodies import carried, is_free, rigid_bodies, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
 from jaxgrity.formats.mjcf_drag import drag_of
+from jaxgrity.formats.mjcf_hinges import hinge_laws, with_nodes_of_the_world
 from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, shared_nodes
 from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, name_of
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
@@ -99,6 +100,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     carrier, found = nodes.carrier[used], None
     springs = [_along([place[merged[number[site]]] for site in each.path], each, x, carrier) for each in tendons]
     x, carrier, shared = shared_nodes(x, carrier, joints)
+    x, carrier = with_nodes_of_the_world(model, x, carrier, joints)
     if any(is_free(model, body) for body in carrier.tolist()):
         springs = _as_cables(springs, x, notes)
     springs = [pushing_cable(each, 0.0) if each.kind == "strut" and len(each.path) > 2 else each for each in springs]
@@ -111,6 +113,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
         found = touched_by_balls(model, data, (x, carrier), shared, many, losses)
         x, carrier = np.concatenate([x, found.more]), np.r_[carrier, found.carrier]
         place |= {k: k for k in range(len(used), len(x))}
+    hinges = hinge_laws(model, data, (x, carrier), joints, shared, losses)
     masses, fixed, rods, rigid = carried(model, data, (x, carrier), shared, notes)
     if pushing:
         notes.append(f"{len(pushing)} tendons push as well as pull, and are struts")
@@ -129,7 +132,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
         drag if drag.any() else None,
         found.ground,
         found.friction,
-        terms=laws_of(pulling, cables, notes),
+        terms=(*laws_of(pulling, cables, notes), *hinges),
     )
     scene = turned_upright(model, scene, found.normal, losses)
     return Imported(scene, together(["SI units, z up, as in MuJoCo", *notes]))

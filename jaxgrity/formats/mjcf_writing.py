@@ -10,11 +10,13 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.formats.foreign import add_element, has_strength
 from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, joints_between, links_of, safe_step
+from jaxgrity.formats.mjcf_hinges import joint_attributes
 from jaxgrity.formats.mjcf_losses import CONTACT_TIME, contact_spring
 from jaxgrity.formats.mjcf_members import add_members
 from jaxgrity.formats.mjcf_plan import Plan, plan_of
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.force_laws import CableDampers, DeadBand
+from jaxgrity.model.hinges import HingeDampers, HingeSprings
 from jaxgrity.model.pulls import CommandedPull
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
@@ -23,6 +25,8 @@ ADDED_INERTIA = 1e-13
 """Share of a body's inertia that is added: MuJoCo refuses flat bodies of which rounding leaves less than flat."""
 THINNEST = 1e-13
 """Radius, m, of the thinnest bars that are drawn: MuJoCo refuses a radius of zero."""
+WRITTEN = (DeadBand, CableDampers, CommandedPull, HingeSprings, HingeDampers)
+"""Laws beyond the usual ones that MuJoCo models hold."""
 LARGEST_STEP = 2e-3
 """Largest time step, s for a body of one metre."""
 CLOSED = [0.9999, 0.9999, 1e-3, 0.5, 2.0]
@@ -91,14 +95,14 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     notes += _ground(world, scene, plan.larger, CONTACT_TIME * scale)
     drag = np.zeros(len(plan.node_mass)) if scene.node_damping is None else np.asarray(scene.node_damping, float)
     in_bodies = {node for link in links for node in link.nodes}
-    notes += _bodies(root, world, plan, links, held, step)
+    notes += _bodies(root, world, plan, links, held, step, scene)
     for node in range(len(drag)):
         if node not in in_bodies:
             _point(world, plan, node, drag[node])
     notes += add_members(root, scene, plan)
     _drag_on_bodies(root, {node: drag[node] for node in sorted(in_bodies) if drag[node]})
     ElementTree.indent(root)
-    others = [term for term in scene.terms if not isinstance(term, DeadBand | CableDampers | CommandedPull)]
+    others = [term for term in scene.terms if not isinstance(term, WRITTEN)]
     names = ", ".join(term.name for term in others)
     notes += [f"laws that have no counterpart in MuJoCo are left out: {names}"] if others else []
     notes += ["load cases are left out"] if scene.loads else []
@@ -141,17 +145,23 @@ def _held(scene: Scene, links: list[Link]) -> set[int]:
 
 
 def _bodies(
-    root: ElementTree.Element, world: ElementTree.Element, plan: Plan, links: list[Link], held: set[int], step: float
+    root: ElementTree.Element,
+    world: ElementTree.Element,
+    plan: Plan,
+    links: list[Link],
+    held: set[int],
+    step: float,
+    scene: Scene,
 ) -> list[str]:
     """Bodies in bodies, with a joint at the nodes that they share; loops of joints are closed by `connect`."""
     x, parts = np.asarray(plan.structure.nodes, float), {WORLD: world}
-    drawn: set[int] = set()
+    drawn, written = set[int](), set[tuple[int, ...]]()
     joints, loops = joints_between(links, held)
     for joint in joints:
         link = links[joint.link]
         origin = np.zeros(3) if joint.parent == WORLD else links[joint.parent].centre
         body = parts[joint.link] = add_element(parts[joint.parent], "body", name=link.name, pos=link.centre - origin)
-        _joint(body, joint, links, x)
+        written |= _joint(body, joint, links, scene)
         inertia = link.inertia + ADDED_INERTIA * np.trace(link.inertia) * np.eye(3)
         entries = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
         add_element(body, "inertial", pos=[0.0, 0.0, 0.0], mass=link.mass, fullinertia=entries)
@@ -168,17 +178,26 @@ def _bodies(
     for node, one, other in loops:
         second = {} if other == WORLD else {"body2": links[other].name}
         add_element(closed, "connect", body1=links[one].name, **second, anchor=x[node] - links[one].centre, **stiff)
-    return [f"{len(loops)} points of joints close loops, and give way there a little"] if loops else []
+    notes = [f"{len(loops)} points of joints close loops, and give way there a little"] if loops else []
+    hinges = {nodes for term in scene.terms if isinstance(term, HingeSprings | HingeDampers) for nodes in term.nodes}
+    if left := sorted(hinges - written):
+        notes.append(f"springs and dampers of nodes {left} are on no hinge there, and are left out")
+    return notes
 
 
-def _joint(body: ElementTree.Element, joint: LinkJoint, links: list[Link], x: np.ndarray) -> None:
+def _joint(body: ElementTree.Element, joint: LinkJoint, links: list[Link], scene: Scene) -> set[tuple[int, ...]]:
+    """Writes the joint of a body, and returns the hinges whose spring or damper it has."""
+    x = np.asarray(scene.structure.nodes, float)
     if not joint.nodes:
         add_element(body, "freejoint")
-        return
+        return set()
     axis, at = axis_of(joint, links, x), x[joint.nodes[0]] - links[joint.link].centre
     if axis is not None:
-        turns = {"type": "hinge", "axis": axis} if axis.any() else {"type": "ball"}
+        laws, hinges = joint_attributes(scene, joint, links, axis) if axis.any() else ({}, set())
+        turns = {"type": "hinge", "axis": axis, **laws} if axis.any() else {"type": "ball"}
         add_element(body, "joint", **turns, pos=at)
+        return hinges
+    return set()
 
 
 def _point(world: ElementTree.Element, plan: Plan, node: int, drag: float) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from jaxgrity.io.bodies import BodyTable, SlideTable
+from jaxgrity.io.bodies import BodyTable, HingeTable, SlideTable
 from jaxgrity.io.ground_tables import BoxTable, CylinderTable, SphereTable, SurfaceTable
 from jaxgrity.io.member_tables import CablesTable, StrutsTable
 from jaxgrity.io.structure_tables import StructureTable
@@ -131,5 +131,6 @@ class SceneFile(Table):
     shaking: ShakingTable | None = None
     bodies: list[BodyTable] = []
     slides: list[SlideTable] = []
+    hinges: list[HingeTable] = []
     gait: GaitTable | None = None
     loads: list[LoadTable] = []
