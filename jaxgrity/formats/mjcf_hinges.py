@@ -51,13 +51,13 @@ def hinge_laws(
         j, (body, parent) = joints[one].hinge, joints[one].bodies
         p, q = shared[one].node, shared[other].node
         name = name_of(model, "body", int(model.jnt_bodyid[j]))
-        ends = [_beside(x, own_nodes(carrier, shared, each) if each else np.flatnonzero(carrier == 0), x[p], x[q])
-                for each in (parent, body)]  # fmt: skip
-        if None in ends:
+        own = [own_nodes(carrier, shared, each) if each else np.flatnonzero(carrier == 0) for each in (parent, body)]
+        first, second = (_beside(x, nodes, x[p], x[q]) for nodes in own)
+        if first is None or second is None:
             raise InputError(
-                f"body {name}: its hinge has a spring or a damper, but no site beside its axis; expected one"
+                f"body {name}: its hinge has a spring or damper, but no site beside its axis; expected one"
             )
-        rows.append((int(ends[0]), p, q, int(ends[1])))
+        rows.append((first, p, q, second))
         away = float(data.qpos[model.jnt_qposadr[j]] - model.qpos_spring[model.jnt_qposadr[j]])
         K.append(float(np.ravel(model.jnt_stiffness)[j]))
         rest.append(float(hinge_angles(x, (rows[-1],))[0]) - away)

@@ -92,8 +92,10 @@ def _with_force(spring: Spring, force: Force, losses: Losses) -> Spring:
     K, pull = spring.stiffness, max(0.0, -force.now)
     less, more = force.low - force.now, force.high - force.now
     if spring.kind == "strut":
-        spring = spring._replace(rest_length=spring.rest_length + force.now / K)
-        if not spring.rest_length > 0:
+        rest = spring.rest_length + force.now / K
+        if rest > 0:
+            spring = spring._replace(rest_length=rest)
+        else:
             losses.lose(
                 "actuators", f"tendon {spring.name}: its actuators pull more than its spring pushes at length 0"
             )

@@ -15,6 +15,7 @@ from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, Moti
 
 Hinges = tuple[tuple[int, int, int, int], ...]
 """Four nodes of each hinge: one of the first part, two on the axis, and one of the second part."""
+AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class HingeSprings(EnergyTerm):
@@ -88,11 +89,8 @@ def hinge_angles(q: NodeVectors, hinges: Hinges) -> PerMember:
     one, start, end, other = zip(*hinges)
     axis, first, second = (edge_vectors(q, tuple(zip(ends, start))) for ends in (end, one, other))
     size = length(axis)
-    x, y, z = (tuple(1.0 if k == m else 0.0 for m in range(3)) for k in range(3))
-    triple = sum(
-        component(axis, i) * (component(first, j) * component(second, k) - component(first, k) * component(second, j))
-        for i, j, k in ((x, y, z), (y, z, x), (z, x, y))
-    )
+    (a, b, c), (u, v, w), (x, y, z) = (tuple(component(d, way) for way in AXES) for d in (axis, first, second))
+    triple = a * (v * z - w * y) + b * (w * x - u * z) + c * (u * y - v * x)
     across = dot(first, second) - over(over(dot(first, axis), size) * dot(second, axis), size)
     return jnp.arctan2(over(triple, size), across)
 
