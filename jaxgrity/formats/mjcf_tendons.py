@@ -96,9 +96,7 @@ def _with_force(spring: Spring, force: Force, losses: Losses) -> Spring:
         if rest > 0:
             spring = spring._replace(rest_length=rest)
         else:
-            losses.lose(
-                "actuators", f"tendon {spring.name}: its actuators pull more than its spring pushes at length 0"
-            )
+            losses.lose("actuators", f"tendon {spring.name}: its actuators pull more than its spring can push")
     elif force.now > 0:
         losses.lose("actuators", f"tendon {spring.name}: its actuators push with {force.now:g} N; a cable only pulls")
     else:
