@@ -41,6 +41,8 @@ class Force(NamedTuple):
     high: float
     now: float
     """that of the start's control"""
+    damping: float = 0.0
+    """N s/m, beside it"""
 
 
 def actuators_of(model: Any, data: Any, losses: Losses) -> tuple[dict[int, Driven], dict[int, Force]]:
@@ -57,11 +59,15 @@ def actuators_of(model: Any, data: Any, losses: Losses) -> tuple[dict[int, Drive
         tendon, of_tendon = int(model.actuator_trnid[a, 0]), model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON
         name = name_of(model, "actuator", a)
         force = _force(model, data, a)
-        if force is not None and (of_tendon or not force.now):
+        if force is not None and (of_tendon or not (force.now or force.damping)):
             _beside(model, a, name, losses)
             if of_tendon:
-                forces[tendon] = Force(*(x + y for x, y in zip(forces.get(tendon, (0.0, 0.0, 0.0)), force)))
-            if not (force.now or (of_tendon and -np.inf < force.low < 0 and not model.tendon_stiffness[tendon])):
+                forces[tendon] = Force(*(x + y for x, y in zip(forces.get(tendon, (0.0,) * 4), force)))
+            if not (
+                force.now
+                or force.damping
+                or (of_tendon and -np.inf < force.low < 0 and not model.tendon_stiffness[tendon])
+            ):
                 still.append(name)
             continue
         spring = _spring(model, data, a)
@@ -81,25 +87,28 @@ def actuators_of(model: Any, data: Any, losses: Losses) -> tuple[dict[int, Drive
 
 
 def _force(model: Any, data: Any, a: int) -> Force | None:
-    """The force of an actuator that depends on its control alone, and stays as it is while that does; None for others.
+    """The force of an actuator that depends on its control, and on the rate of its length; None for others.
 
     Forces of tendons that lag behind their controls are such where these are 0 at the start.
     """
     gain, bias, gear = (
         float(each[a, 0]) for each in (model.actuator_gainprm, model.actuator_biasprm, model.actuator_gear)
     )
-    affine = model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and not model.actuator_biasprm[a, 1:3].any()
+    affine = model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_AFFINE and not model.actuator_biasprm[a, 1]
     plain = affine or model.actuator_biastype[a] == mujoco.mjtBias.mjBIAS_NONE
     kind, u = int(model.actuator_dyntype[a]), _input(model, data, a)
     lags = [int(getattr(mujoco.mjtDyn, f"mjDYN_{each}")) for each in LAGS]
     steady = kind == mujoco.mjtDyn.mjDYN_NONE or (kind in lags and not u)
     if model.actuator_gaintype[a] != mujoco.mjtGain.mjGAIN_FIXED or not (plain and steady):
         return None
+    damping = -(gear**2) * float(model.actuator_biasprm[a, 2]) if affine else 0.0
+    if damping < 0 or (damping and model.actuator_forcelimited[a]):
+        return None
     ends = np.array([gain * x if gain else 0.0 for x in (*_controls(model, a), u)]) + (bias if affine else 0.0)
     if model.actuator_forcelimited[a]:
         ends = ends.clip(*model.actuator_forcerange[a])
     ends = gear * ends if gear else 0 * ends[2:].repeat(3)
-    return Force(float(ends[:2].min()), float(ends[:2].max()), float(ends[2]) + 0.0)
+    return Force(float(ends[:2].min()), float(ends[:2].max()), float(ends[2]) + 0.0, damping)
 
 
 def _input(model: Any, data: Any, a: int) -> float:

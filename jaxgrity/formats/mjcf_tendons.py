@@ -89,7 +89,11 @@ def _with_force(spring: Spring, force: Force, losses: Losses) -> Spring:
 
     They move the end of a spring that is taut, or pushes too, as another rest length does.
     """
-    K, pull = spring.stiffness, max(0.0, -force.now)
+    K, pull, c = spring.stiffness, max(0.0, -force.now), force.damping
+    if c and spring.kind == "strut":
+        spring = spring._replace(damping=spring.damping + c)
+    elif c:
+        spring = spring._replace(damper=spring.damper + c)
     less, more = force.low - force.now, force.high - force.now
     if spring.kind == "strut":
         rest = spring.rest_length + force.now / K
@@ -120,7 +124,7 @@ def _slack_dampers(model: Any, data: Any, springs: list[Spring]) -> list[Spring]
         slack |= moved.ten_length[rows] < rest
     for t, each in [pair for pair, loose in zip(damped.items(), slack) if loose]:
         c = float(model.tendon_damping[t])
-        damped[t] = each._replace(damping=max(each.damping - c, 0.0), damper=c)
+        damped[t] = each._replace(damping=max(each.damping - c, 0.0), damper=each.damper + c)
     return [damped.get(number[each.name], each) for each in springs]
 
 

@@ -26,8 +26,8 @@ ACTUATORS = """<actuator><motor name="m0" tendon="t0" ctrlrange="-20 0"/>
 <motor name="m1" tendon="t1" ctrlrange="0 1" gear="-30"/><motor name="m2" tendon="t2" ctrlrange="-9 9"/>
 <motor name="m3" tendon="t3" ctrlrange="-9 9"/><motor name="m5" tendon="t5" ctrlrange="-40 0"/>
 <general name="m6" tendon="t6" gainprm="2" biastype="affine" biasprm="-1 0 0" ctrlrange="-8 0" forcerange="-12 0"/>
-</actuator>"""
-KEY = '<keyframe><key name="up" qpos="0 0 0 0.1 -0.1 0.2" ctrl="-12 0.4 -3 5 -7 -3"/></keyframe></mujoco>'
+<velocity name="m7" tendon="t0" kv="2" ctrlrange="-3 3"/></actuator>"""
+KEY = '<keyframe><key name="up" qpos="0 0 0 0.1 -0.1 0.2" ctrl="-12 0.4 -3 5 -7 -3 -1"/></keyframe></mujoco>'
 DRIVEN = model(POINT, TENDONS).replace("</mujoco>", ACTUATORS + KEY)
 
 
@@ -35,10 +35,11 @@ def test_forces_of_a_keyframe_pull_as_in_mujoco(tmp_path):
     """Along tendons without a spring, beside springs, and over several sites: 0.5 s within 1e-6 m."""
     scene, notes = found(tmp_path, DRIVEN, keyframe="up")
     pulls, slopes = forced_cables(scene).T
-    np.testing.assert_allclose(pulls, [12, 12, 3, 7, 7])
+    np.testing.assert_allclose(pulls, [14, 12, 3, 7, 7])
     lengths = np.array([np.sum(scene.structure.cables.rest_length[list(k)]) for k in ((0,), (1,), (4, 5))])
-    np.testing.assert_allclose(slopes[[0, 1, 4]] * lengths, [8, 18, 5])
+    np.testing.assert_allclose(slopes[[0, 1, 4]] * lengths, [12, 18, 5])
     assert not slopes[2:4].any()
+    np.testing.assert_allclose(scene.terms[-2].damping[:2], [2.5, 0])  # a velocity servo damps, too
     assert scene.structure.struts.rest_length[0] == pytest.approx(1.2 + 5 / 60)
     error, _ = largest_error(scene, ends(scene, SolverOptions(method="dopri8")), DRIVEN)
     assert error < 1e-6
@@ -86,7 +87,7 @@ def test_a_gait_drives_forces_as_controls_do_in_mujoco(tmp_path):
 
 def test_what_no_cable_can_do_is_refused(tmp_path):
     """Pushing, and a pull that no spring bears; a motor without a range cannot be driven, and is left out."""
-    with pytest.raises(InputError, match=r"tendon t0: its actuators push with 4 N; a cable only pulls, which would be"):
+    with pytest.raises(InputError, match=r"tendon t0: its actuators push with 2 N; a cable only pulls, which would be"):
         found(tmp_path, DRIVEN.replace('"-12 0.4', '"4 0.4').replace('ctrlrange="-20 0"', ""), keyframe="up")
     with pytest.raises(InputError, match="tendon t3: its actuators pull more than its spring can push"):
         found(tmp_path, DRIVEN.replace("-3 5 -7", "-3 -90 -7").replace("-9 9", "-99 9"), keyframe="up")
@@ -104,3 +105,12 @@ def test_cables_that_are_driven_by_force_are_described(tmp_path):
         commanded_pull(scene.structure.cables, [1.0, -1.0, 0.0, 0.0, 0.0])
     loose = dataclasses.replace(scene, terms=scene.terms[:-1])
     assert "broken [0, 1, 4, 5]" in describe(loose)
+
+
+def test_velocity_servos_of_joints_are_not_left_out(tmp_path):
+    """They damp at control 0, which no scene holds."""
+    named = DRIVEN.replace('<joint type="slide" axis="1 0 0"/>', '<joint name="j" type="slide" axis="1 0 0"/>', 1)
+    servo = '<velocity name="v" joint="j" kv="2"/></actuator>'
+    text = named.replace("</actuator>", servo).replace('-3 -1"/></key', '-3 -1 0"/></key')
+    with pytest.raises(InputError, match="actuator v: no spring of a tendon that has a rest length at its control"):
+        found(tmp_path, text)
