@@ -10,9 +10,9 @@ import numpy as np
 from jaxgrity.core.arguments import check_each
 from jaxgrity.core.primitives import inner, positive_part
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import AnyRows, Scalar, as_float, as_float_or_none
+from jaxgrity.core.types import AnyArray, AnyRows, Scalar, as_float, as_float_or_none
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.clusters import added_up, cables_of
+from jaxgrity.model.clusters import added_up, cables_of, to_segments
 from jaxgrity.model.laws import Configuration, EnergyTerm, member_names
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, per_member
@@ -80,6 +80,15 @@ def commanded_pull(
     """
     count = len(cables_of(cables.clusters, len(cables.edges)))
     return CommandedPull(per_member(pull, count, "pull"), per_member(slope, count, "pull_slope"))
+
+
+def reeled_cables(scene: Scene) -> AnyArray | None:
+    """(cables,), whether a motor reels each cable: it has a commanded pull and no spring; None without such a law."""
+    cables, laws = scene.structure.cables, [term for term in scene.terms if isinstance(term, CommandedPull)]
+    if cables is None or not laws:
+        return None
+    pulls = to_segments(sum(law.pull + law.slope for law in laws), cables.clusters, len(cables.edges))
+    return (pulls > 0) & (cables.stiffness == 0)
 
 
 def forced_cables(scene: Scene) -> np.ndarray:
