@@ -87,8 +87,8 @@ def reeled_cables(scene: Scene) -> AnyArray | None:
     cables, laws = scene.structure.cables, [term for term in scene.terms if isinstance(term, CommandedPull)]
     if cables is None or not laws:
         return None
-    pulls = to_segments(sum(law.pull + law.slope for law in laws), cables.clusters, len(cables.edges))
-    return (pulls > 0) & (cables.stiffness == 0)
+    pulls = [to_segments(law.pull + law.slope, cables.clusters, len(cables.edges)) for law in laws]
+    return (sum(pulls[1:], pulls[0]) > 0) & (cables.stiffness == 0)
 
 
 def forced_cables(scene: Scene) -> np.ndarray:

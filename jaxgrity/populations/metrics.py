@@ -159,9 +159,9 @@ def _lengthened(scene: Scene, step: Step, numbers: tuple[int, ...], impulses: bo
         change = rest_length(members, scene.gait, step.t0 + step.h, first) - rest_length(
             members, scene.gait, began, first
         )
-        if reeled is not None and members is scene.structure.cables:
-            before, after = (path_lengths(members, edge_vectors(q, members.edges), q)
-                             for q in (step.before.motion[0], step.after.motion[0]))  # fmt: skip
+        if reeled is not None and first == scene.structure.first_cable:
+            places = step.before.motion[0], step.after.motion[0]
+            before, after = (path_lengths(members, edge_vectors(q, members.edges), q) for q in places)
             change = jnp.where(reeled, after - before, change)
         parts.append(take_rows(change / 2 if between else change, rows))
     return _in_order(numbers, parts)
