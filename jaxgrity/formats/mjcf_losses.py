@@ -17,10 +17,10 @@ DROPPABLE = {
     "radius": "radii of what touches the plane, where they differ",
     "friction": "coefficients that have no counterpart, and dry friction of joints and tendons",
     "limits": "limits of tendons, joints and forces",
-    "damping": "of joints that turn, and what is not in proportion to speed",
-    "actuators": "those that are no springs of tendons",
+    "damping": "of ball joints and free bodies, and what is not in proportion to speed",
+    "actuators": "those that are neither springs nor pulls of tendons",
     "air": "density, viscosity and wind",
-    "forces": "springs of joints, gravity compensation, armature, nonlinear springs, soft equalities",
+    "forces": "springs of joints beside hinges, gravity compensation, armature, nonlinear springs, soft equalities",
 }
 """What callers may drop although it changes the motion, with a description of each."""
 REBOUND, REBOUND_NOTED = 0.25, 0.01

@@ -48,8 +48,10 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
     their radii and roll. Ball joints and hinges become shared points of bodies, or supports. Welded bodies become one
     body. A body on three slides becomes a point mass; what does not move a support. A tendon whose spring has a range,
     or whose actuator only pulls, is a cable, which pushes below a range that begins above 0. Another one with a spring
-    is a strut. A cable over several sites slides over their nodes (`Members.clusters`). Spheres, capsules and boxes
-    that touch the plane are those of nodes, with one radius for all.
+    is a strut. A motor on a tendon without a spring makes it a cable that pulls at any length
+    (`jaxgrity.model.commanded_pull`). A cable over several sites slides over their nodes (`Members.clusters`). Hinges
+    keep their springs and dampers. Spheres, capsules and boxes that touch the plane are those of nodes, with one radius
+    for all. If gravity leans, robot and plane are turned together.
 
     What would make the robot move otherwise is refused, unless `drop` names its kind: then it is left out, and a note
     says so.

@@ -50,10 +50,11 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
 
     Rigid bodies keep their mass, centre and inertia. Struts that are rigid or have mass are bodies with the inertia of
     thin rods. One node of two bodies is a ball joint, and two nodes are a hinge. A support of a body is a joint on the
-    world. A loop of joints is closed by `connect`. Other nodes are point masses on three slides. Cables and springs are
-    spatial tendons between sites. A cable's spring range is [0, L0], so that it only pulls. A cluster is one tendon
-    over several sites. Members that the gait moves have actuators on their tendons in place of springs. Their force is
-    K (L0 + u - l) - c l', and cables only pull. The control u is the change of rest length, m (`mjcf_controls`).
+    world. Springs and dampers of hinges are those of the joints. A loop of joints is closed by `connect`. Other nodes
+    are point masses on three slides. Cables and springs are spatial tendons between sites. A cable's spring range is
+    [0, L0], so that it only pulls. A cluster is one tendon over several sites. Members that the gait moves have
+    actuators on their tendons in place of springs. Their force is K (L0 + u - l) - c l', and cables only pull. The
+    control u is the change of rest length, m (`mjcf_controls`). A commanded pull is an actuator that pulls with P - s u.
     Contact is MuJoCo's own, between nodes and the plane.
 
     Args:
