@@ -54,7 +54,7 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
     are point masses on three slides. Cables and springs are spatial tendons between sites. A cable's spring range is
     [0, L0], so that it only pulls. A cluster is one tendon over several sites. Members that the gait moves have
     actuators on their tendons in place of springs. Their force is K (L0 + u - l) - c l', and cables only pull. The
-    control u is the change of rest length, m (`mjcf_controls`). A commanded pull is an actuator that pulls with P - s u.
+    control u is the change of rest length, m (`mjcf_controls`). A commanded pull is one that pulls with P - s u.
     Contact is MuJoCo's own, between nodes and the plane.
 
     Args:
