@@ -1,6 +1,9 @@
 """Convert a robot between file formats: TOML, NTRT (YAML), MuJoCo (XML), MATLAB, CSV, URDF, GLB, OBJ."""
 
+import dataclasses
 from pathlib import Path
+
+import numpy as np
 
 from jaxgrity.cli.settings import ConvertSettings
 from jaxgrity.core.display import in_digits
@@ -11,6 +14,7 @@ from jaxgrity.formats.mjcf_reading import read_mjcf
 from jaxgrity.formats.ntrt import DECIMETRE, read_ntrt
 from jaxgrity.formats.spreadsheets import read_tables
 from jaxgrity.io.files import check_file
+from jaxgrity.model.inertia import with_mass_at_ends
 from jaxgrity.model.scene import Scene
 from jaxgrity.statics.settling import settled
 
@@ -24,6 +28,9 @@ def main(settings: ConvertSettings) -> None:
     print(f"read {settings.source}: {counts(found.scene)}")
     print("\n".join(f"  {note}" for note in found.notes))
     scene = found.scene
+    if settings.mass_at_ends:
+        print(f"  {ends_words(scene, settings.source)}")
+        scene = dataclasses.replace(scene, structure=with_mass_at_ends(scene.structure))
     if settings.settle:
         scene, moved = settled(scene)
         print(f"settled: nodes moved by up to {moved:.4g} m")
@@ -52,6 +59,24 @@ def _read(settings: ConvertSettings) -> Imported:
     if ending == ".csv":
         return read_tables(settings.source, dict(pair.rpartition("=")[::2] for pair in settings.columns))
     return read_any(settings.source)
+
+
+def ends_words(scene: Scene, source: str) -> str:
+    """What it changes to put the mass of members at their ends, in words. Raises `InputError` where none has mass."""
+    parts = []
+    for name, members, _ in scene.structure.numbered:
+        if members.mass is not None:
+            mass, length = np.asarray(members.mass, float), np.asarray(members.rest_length, float)
+            whole = int(np.argmax(mass * length**2))
+            m, L = float(mass[whole]), float(length[whole])
+            before, after = (in_digits(m * L**2 / part, 3) for part in (12, 4))
+            parts.append(
+                f"of {np.count_nonzero(mass)} {name}, with up to {in_digits(m, 3)} kg: a moment of inertia of {after} "
+                f"kg m^2 about the centre in place of {before}"
+            )
+    if not parts:
+        raise InputError(f"--mass-at-ends: no member of {source} has a mass of its own; expected rods with mass")
+    return f"mass at the ends, half at each, m L^2/4 in place of m L^2/12; {'; '.join(parts)}"
 
 
 def counts(scene: Scene) -> str:

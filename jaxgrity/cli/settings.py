@@ -206,6 +206,8 @@ class ConvertSettings:
     """length unit of an NTRT file, m; by default 0.1. Other files are in metres"""
     drop: tuple[str, ...] = ()
     """parts of a MuJoCo or NTRT file to leave out, such as friction; the error for another word lists what there is"""
+    mass_at_ends: bool = False
+    """put the mass of rods at their ends: a search takes a fraction of the time, but rods are harder to turn"""
     keyframe: str = ""
     """keyframe of a MuJoCo model in which the robot starts; by default it starts where the model places its bodies"""
     columns: tuple[str, ...] = ()

@@ -57,6 +57,8 @@ class GroundFound(NamedTuple):
     """(k, 3), m: further nodes, at the centres of balls of rigid bodies, or so that these are not flat"""
     carrier: np.ndarray = np.zeros(0, int)
     """(k,), their bodies"""
+    normal: np.ndarray = np.array([0.0, 0.0, 1.0])
+    """(3,), unit vector, of the plane; the ground is level until it is turned"""
 
 
 def touched_plane(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, losses: Losses) -> GroundFound:
@@ -75,7 +77,7 @@ def touched_plane(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, los
     losses.note("contact is between nodes and the plane; it is exact, where MuJoCo's is soft")
     highest = max((m for _, m in at.values()), default=0.0)
     each = np.array([at[k][1] if k in at else highest for k in range(len(x))])
-    return GroundFound(ExactGround(float(np.arctan2(n[0], n[2])), bounce), cone_of(each), lift)
+    return GroundFound(ExactGround(restitution=bounce), cone_of(each), lift, normal=n)
 
 
 def what_touches(
@@ -89,8 +91,6 @@ def what_touches(
             losses.note("nothing touches the plane: the scene has no ground")
         return None, np.zeros(3), [], None
     n = data.geom_xmat[plane].reshape(3, 3)[:, 2]
-    if abs(n[1]) > 1e-9 or n[2] <= 0:
-        raise InputError(f"the plane's normal is {n.round(4).tolist()}; expected one that falls along x, or none")
     mu = {geom: _friction(model, geom, found, size, losses) for geom, found in contacts.items()}
     if any(mu.values()) and model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL:
         losses.note(PYRAMID)

@@ -28,7 +28,9 @@ class Joint(NamedTuple):
     x: np.ndarray
     """(3,), m"""
     bodies: tuple[int, int]
-    """0: the world, to which the point is fixed"""
+    """0: the world, to which the point is fixed; of a hinge the one that turns comes first"""
+    hinge: int = -1
+    """number of the model's joint, of both points on a hinge's axis"""
 
 
 def merge_welded(model: Any, data: Any, losses: Losses) -> Any:
@@ -116,7 +118,7 @@ def joints_of(model: Any, data: Any, losses: Losses) -> list[Joint]:
         if model.body_jntnum[own] > 1:
             raise InputError(f"body {name_of(model, 'body', own)}: has several joints; expected one")
         ends = _along_hinge(model, data, j, {body, parent}) if hinge else (data.xanchor[j],)
-        found += [Joint(x.copy(), _world_last(body, parent)) for x in ends]
+        found += [Joint(x.copy(), _world_last(body, parent), j if hinge else -1) for x in ends]
     active = _active(model, data)
     found += [joint for e in active if (joint := _connected(model, data, e))]
     if found:

@@ -17,10 +17,10 @@ DROPPABLE = {
     "radius": "radii of what touches the plane, where they differ",
     "friction": "coefficients that have no counterpart, and dry friction of joints and tendons",
     "limits": "limits of tendons, joints and forces",
-    "damping": "of joints that turn, and what is not in proportion to speed",
-    "actuators": "those that are no springs of tendons",
+    "damping": "of ball joints and free bodies, and what is not in proportion to speed",
+    "actuators": "those that are neither springs nor pulls of tendons",
     "air": "density, viscosity and wind",
-    "forces": "springs of joints, gravity compensation, armature, nonlinear springs, soft equalities",
+    "forces": "springs of joints beside hinges, gravity compensation, armature, nonlinear springs, soft equalities",
 }
 """What callers may drop although it changes the motion, with a description of each."""
 REBOUND, REBOUND_NOTED = 0.25, 0.01
@@ -77,13 +77,20 @@ def _options(model: Any, losses: Losses) -> None:
 
 
 def _joints(model: Any, losses: Losses) -> None:
-    turns = model.jnt_type[model.dof_jntid] != mujoco.mjtJoint.mjJNT_SLIDE if model.nv else np.zeros(0, bool)
+    kinds = model.jnt_type[model.dof_jntid] if model.nv else np.zeros(0, int)
+    slides, hinges = (kinds == kind for kind in (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE))
+    turns = ~(slides | hinges)
+    springs, bent = (
+        found[model.dof_jntid] if model.nv else np.zeros(0)
+        for found in (_with_terms(model, "jnt_stiffness"), _terms(model, "jnt_stiffnesspoly"))
+    )
     for kind, values, what in (
-        ("damping", _with_terms(model, "dof_damping") * turns, "damping, and is no slide"),
+        ("damping", _with_terms(model, "dof_damping") * turns, "damping, and is neither a slide nor a hinge"),
         ("damping", _terms(model, "dof_dampingpoly") * ~turns, "damping that is not in proportion to speed"),
         ("friction", _dry(model, model.dof_frictionloss), "dry friction (frictionloss)"),
         ("forces", model.dof_armature, "armature"),
-        ("forces", _with_terms(model, "jnt_stiffness")[model.dof_jntid] if model.nv else np.zeros(0), "a spring"),
+        ("forces", springs * ~hinges, "a spring, and is no hinge"),
+        ("forces", bent * hinges, "a spring that is not linear"),
     ):
         if np.any(values):
             joint = int(model.dof_jntid[np.flatnonzero(values)[0]])

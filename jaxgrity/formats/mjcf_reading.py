@@ -16,11 +16,13 @@ from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, read_limited,
 from jaxgrity.formats.mjcf_bodies import carried, is_free, rigid_bodies, rod_members
 from jaxgrity.formats.mjcf_contact import touched_plane
 from jaxgrity.formats.mjcf_drag import drag_of
+from jaxgrity.formats.mjcf_hinges import hinge_laws, with_nodes_of_the_world
 from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, shared_nodes
 from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, name_of
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
-from jaxgrity.formats.mjcf_tendons import Spring, laws_of, pushing_cable, springs_of, with_dampers_beside
+from jaxgrity.formats.mjcf_tendons import Spring, laws_of, pushing_cable, springs_of, with_others_beside
 from jaxgrity.formats.mjcf_text import mjcf_text, with_element_lines
+from jaxgrity.formats.mjcf_turning import turned_upright
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, Structure, check_edges, edge_lengths
 
@@ -46,8 +48,10 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
     their radii and roll. Ball joints and hinges become shared points of bodies, or supports. Welded bodies become one
     body. A body on three slides becomes a point mass; what does not move a support. A tendon whose spring has a range,
     or whose actuator only pulls, is a cable, which pushes below a range that begins above 0. Another one with a spring
-    is a strut. A cable over several sites slides over their nodes (`Members.clusters`). Spheres, capsules and boxes
-    that touch the plane are those of nodes, with one radius for all.
+    is a strut. A motor on a tendon without a spring makes it a cable that pulls at any length
+    (`jaxgrity.model.commanded_pull`). A cable over several sites slides over their nodes (`Members.clusters`). Hinges
+    keep their springs and dampers. Spheres, capsules and boxes that touch the plane are those of nodes, with one radius
+    for all. If gravity leans, robot and plane are turned together.
 
     What would make the robot move otherwise is refused, unless `drop` names its kind: then it is left out, and a note
     says so.
@@ -98,10 +102,11 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     carrier, found = nodes.carrier[used], None
     springs = [_along([place[merged[number[site]]] for site in each.path], each, x, carrier) for each in tendons]
     x, carrier, shared = shared_nodes(x, carrier, joints)
+    x, carrier = with_nodes_of_the_world(model, x, carrier, joints)
     if any(is_free(model, body) for body in carrier.tolist()):
         springs = _as_cables(springs, x, notes)
     springs = [pushing_cable(each, 0.0) if each.kind == "strut" and len(each.path) > 2 else each for each in springs]
-    springs = with_dampers_beside(springs)
+    springs = with_others_beside(springs)
     pushing = [spring for spring in springs if spring.kind == "strut"]
     # rods are rigid struts, beside which no strut is a spring, and no cable runs along one: these rods are bodies, too
     solid = set(carrier.tolist()) if pushing else _crossed(springs, carrier)
@@ -110,6 +115,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
         found = touched_by_balls(model, data, (x, carrier), shared, many, losses)
         x, carrier = np.concatenate([x, found.more]), np.r_[carrier, found.carrier]
         place |= {k: k for k in range(len(used), len(x))}
+    hinges = hinge_laws(model, data, (x, carrier), joints, shared, losses)
     masses, fixed, rods, rigid = carried(model, data, (x, carrier), shared, notes)
     if pushing:
         notes.append(f"{len(pushing)} tendons push as well as pull, and are struts")
@@ -124,12 +130,13 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     structure = Structure(x - found.lift, masses, struts, cables, fixed=fixed, bodies=rigid)
     scene = Scene(
         structure,
-        _gravity(model) or None,
+        gravity_of(model) or None,
         drag if drag.any() else None,
         found.ground,
         found.friction,
-        terms=laws_of(pulling, cables, notes),
+        terms=(*laws_of(pulling, cables, notes), *hinges),
     )
+    scene = turned_upright(model, scene, found.normal, losses)
     return Imported(scene, together(["SI units, z up, as in MuJoCo", *notes]))
 
 
@@ -246,21 +253,22 @@ def _members(springs: list[Spring], x: np.ndarray) -> Members | None:
 
 def _note_controls(springs: list[Spring], first: int, notes: list[str]) -> None:
     """Which members controls move, as a gait names them, and how far; `first` is the number of the first spring."""
-    members: list[int] = []
+    members, forced, most = list[int](), list[int](), 0.0
     low, high = 0.0, 0.0
     for spring in springs:
         count = len(spring.path) - 1
         if any(spring.change):
             members += range(first, first + count)
             low, high = (f(end, x / spring.rest_length) for f, end, x in zip((min, max), (low, high), spring.change))
+        elif spring.reach:
+            forced += range(first, first + count)
+            most = max(most, spring.reach)
         first += count
+    if forced:
+        notes.append(
+            f"controls set the pull of {len(forced)} members at any length: shortening by a share s adds s times "
+            f"up to {most:g} N: [gait] members = {forced}"
+        )
     if members:
         reach = f"by {low:.0%} to {high:.0%}" if np.isfinite(high) else "without a limit"
         notes.append(f"controls change the rest lengths of {len(members)} members {reach}: [gait] members = {members}")
-
-
-def _gravity(model: Any) -> float:
-    x, y, z = model.opt.gravity
-    if gravity_of(model) and (x or y or z > 0):
-        raise InputError(f"gravity is {[float(a) for a in (x, y, z)]} m/s^2; expected it along -z")
-    return gravity_of(model)

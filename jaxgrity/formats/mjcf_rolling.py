@@ -52,8 +52,8 @@ def touched_by_balls(
     losses.note("contact is exact, where MuJoCo's is soft")
     each = np.full(len(x), max(ball.mu for ball in found.values()))
     each[list(found)] = [ball.mu for ball in found.values()]
-    ground = ExactGround(float(np.arctan2(n[0], n[2])), bounce, balls=Balls(tuple(found), radius))
-    return GroundFound(ground, cone_of(each), lift, **added)
+    ground = ExactGround(restitution=bounce, balls=Balls(tuple(found), radius))
+    return GroundFound(ground, cone_of(each), lift, **added, normal=n)
 
 
 def _outermost(model: Any, balls: list[Touching], within: float, losses: Losses) -> list[Touching]:

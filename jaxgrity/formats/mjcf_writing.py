@@ -8,23 +8,25 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.core.types import PerMember
 from jaxgrity.formats.foreign import add_element, has_strength
 from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, joints_between, links_of, safe_step
+from jaxgrity.formats.mjcf_hinges import joint_attributes
 from jaxgrity.formats.mjcf_losses import CONTACT_TIME, contact_spring
-from jaxgrity.formats.mjcf_plan import Plan, amplitudes, plan_of
+from jaxgrity.formats.mjcf_members import add_members
+from jaxgrity.formats.mjcf_plan import Plan, plan_of
 from jaxgrity.io.files import write_whole
-from jaxgrity.model.clusters import cables_of, nodes_along
 from jaxgrity.model.force_laws import CableDampers, DeadBand
+from jaxgrity.model.hinges import HingeDampers, HingeSprings
+from jaxgrity.model.pulls import CommandedPull
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 
-STRONGEST = 1e9
-"""Limit of a cable's force in an MJCF file, N: no cable of a robot reaches it."""
 ADDED_INERTIA = 1e-13
 """Share of a body's inertia that is added: MuJoCo refuses flat bodies of which rounding leaves less than flat."""
 THINNEST = 1e-13
 """Radius, m, of the thinnest bars that are drawn: MuJoCo refuses a radius of zero."""
+WRITTEN = (DeadBand, CableDampers, CommandedPull, HingeSprings, HingeDampers)
+"""Laws beyond the usual ones that MuJoCo models hold."""
 LARGEST_STEP = 2e-3
 """Largest time step, s for a body of one metre."""
 CLOSED = [0.9999, 0.9999, 1e-3, 0.5, 2.0]
@@ -48,10 +50,11 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
 
     Rigid bodies keep their mass, centre and inertia. Struts that are rigid or have mass are bodies with the inertia of
     thin rods. One node of two bodies is a ball joint, and two nodes are a hinge. A support of a body is a joint on the
-    world. A loop of joints is closed by `connect`. Other nodes are point masses on three slides. Cables and springs are
-    spatial tendons between sites. A cable's spring range is [0, L0], so that it only pulls. A cluster is one tendon
-    over several sites. Members that the gait moves have actuators on their tendons in place of springs. Their force is
-    K (L0 + u - l) - c l', and cables only pull. The control u is the change of rest length, m (`mjcf_controls`).
+    world. Springs and dampers of hinges are those of the joints. A loop of joints is closed by `connect`. Other nodes
+    are point masses on three slides. Cables and springs are spatial tendons between sites. A cable's spring range is
+    [0, L0], so that it only pulls. A cluster is one tendon over several sites. Members that the gait moves have
+    actuators on their tendons in place of springs. Their force is K (L0 + u - l) - c l', and cables only pull. The
+    control u is the change of rest length, m (`mjcf_controls`). A commanded pull is one that pulls with P - s u.
     Contact is MuJoCo's own, between nodes and the plane.
 
     Args:
@@ -93,14 +96,14 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     notes += _ground(world, scene, plan.larger, CONTACT_TIME * scale)
     drag = np.zeros(len(plan.node_mass)) if scene.node_damping is None else np.asarray(scene.node_damping, float)
     in_bodies = {node for link in links for node in link.nodes}
-    notes += _bodies(root, world, plan, links, held, step)
+    notes += _bodies(root, world, plan, links, held, step, scene)
     for node in range(len(drag)):
         if node not in in_bodies:
             _point(world, plan, node, drag[node])
-    notes += _members(root, scene, plan)
+    notes += add_members(root, scene, plan)
     _drag_on_bodies(root, {node: drag[node] for node in sorted(in_bodies) if drag[node]})
     ElementTree.indent(root)
-    others = [term for term in scene.terms if not isinstance(term, DeadBand | CableDampers)]
+    others = [term for term in scene.terms if not isinstance(term, WRITTEN)]
     names = ", ".join(term.name for term in others)
     notes += [f"laws that have no counterpart in MuJoCo are left out: {names}"] if others else []
     notes += ["load cases are left out"] if scene.loads else []
@@ -143,17 +146,23 @@ def _held(scene: Scene, links: list[Link]) -> set[int]:
 
 
 def _bodies(
-    root: ElementTree.Element, world: ElementTree.Element, plan: Plan, links: list[Link], held: set[int], step: float
+    root: ElementTree.Element,
+    world: ElementTree.Element,
+    plan: Plan,
+    links: list[Link],
+    held: set[int],
+    step: float,
+    scene: Scene,
 ) -> list[str]:
     """Bodies in bodies, with a joint at the nodes that they share; loops of joints are closed by `connect`."""
     x, parts = np.asarray(plan.structure.nodes, float), {WORLD: world}
-    drawn: set[int] = set()
+    drawn, written = set[int](), set[tuple[int, ...]]()
     joints, loops = joints_between(links, held)
     for joint in joints:
         link = links[joint.link]
         origin = np.zeros(3) if joint.parent == WORLD else links[joint.parent].centre
         body = parts[joint.link] = add_element(parts[joint.parent], "body", name=link.name, pos=link.centre - origin)
-        _joint(body, joint, links, x)
+        written |= _joint(body, joint, links, scene)
         inertia = link.inertia + ADDED_INERTIA * np.trace(link.inertia) * np.eye(3)
         entries = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
         add_element(body, "inertial", pos=[0.0, 0.0, 0.0], mass=link.mass, fullinertia=entries)
@@ -170,17 +179,26 @@ def _bodies(
     for node, one, other in loops:
         second = {} if other == WORLD else {"body2": links[other].name}
         add_element(closed, "connect", body1=links[one].name, **second, anchor=x[node] - links[one].centre, **stiff)
-    return [f"{len(loops)} points of joints close loops, and give way there a little"] if loops else []
+    notes = [f"{len(loops)} points of joints close loops, and give way there a little"] if loops else []
+    hinges = {nodes for term in scene.terms if isinstance(term, HingeSprings | HingeDampers) for nodes in term.nodes}
+    if left := sorted(hinges - written):
+        notes.append(f"springs and dampers of nodes {left} are on no hinge there, and are left out")
+    return notes
 
 
-def _joint(body: ElementTree.Element, joint: LinkJoint, links: list[Link], x: np.ndarray) -> None:
+def _joint(body: ElementTree.Element, joint: LinkJoint, links: list[Link], scene: Scene) -> set[tuple[int, ...]]:
+    """Writes the joint of a body, and returns the hinges whose spring or damper it has."""
+    x = np.asarray(scene.structure.nodes, float)
     if not joint.nodes:
         add_element(body, "freejoint")
-        return
+        return set()
     axis, at = axis_of(joint, links, x), x[joint.nodes[0]] - links[joint.link].centre
     if axis is not None:
-        turns = {"type": "hinge", "axis": axis} if axis.any() else {"type": "ball"}
+        laws, hinges = joint_attributes(scene, joint, links, axis) if axis.any() else ({}, set())
+        turns = {"type": "hinge", "axis": axis, **laws} if axis.any() else {"type": "ball"}
         add_element(body, "joint", **turns, pos=at)
+        return hinges
+    return set()
 
 
 def _point(world: ElementTree.Element, plan: Plan, node: int, drag: float) -> None:
@@ -200,76 +218,6 @@ def _node(body: ElementTree.Element, plan: Plan, node: int, at: np.ndarray, mass
     size = plan.larger + plan.balls[node] if touches else plan.radius
     add_element(body, "geom", size=[size], pos=at, mass=mass, contype=int(touches), conaffinity=0)
     add_element(body, "site", name=f"n{node}", pos=at)
-
-
-def _members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str]:
-    """Tendons with springs, and with actuators where a gait moves them."""
-    tendons, actuators = add_element(root, "tendon"), add_element(root, "actuator")
-    structure, damped, stopped = plan.structure, False, 0
-    size, beside = amplitudes(scene.gait), _beside_cables(scene)
-    for name, members, first in structure.numbered:
-        kind = name.removesuffix("s")
-        for cord in cables_of(members.clusters, len(members.edges)):
-            k = min(cord)
-            if kind == "strut" and k in plan.rigid:
-                continue
-            assert members.stiffness is not None, "springs, by the plan"
-            K, L = _in_series(members.stiffness, cord), float(np.sum(members.rest_length[list(cord)]))
-            c = 0.0 if members.damping is None else _in_series(members.damping, cord)
-            band, damper = beside[k] if kind == "cable" else (0.0, 0.0)
-            ends = [max(L - band, 0.0), L]
-            # as they are read again: the damping of a tendon that never pushes is that of a taut cable
-            own = not K or (band < L and first + k not in plan.actuated)
-            both = c + damper if own else c
-            spring: dict[str, Any] = {"stiffness": K, "damping": both, "springlength": ends if band else L}
-            if first + k in plan.actuated:
-                spring = {}
-                stopped += 0 < band < L
-                limits = {"forcelimited": "true", "forcerange": [-STRONGEST, 0.0]} if band else {}
-                most = sum(size.get(first + part, 0.0) * float(members.rest_length[part]) for part in cord)
-                reach = {"ctrllimited": "true", "ctrlrange": [-most, 0.0]} if most else {}
-                law = {"gainprm": K, "biastype": "affine", "biasprm": [K * L, -K, -c]}
-                add_element(actuators, "general", name=f"{kind}{k}", tendon=f"{kind}{k}", **law, **limits, **reach)
-            damped = damped or bool(spring and kind == "cable" and c)
-            nodes = nodes_along(tuple(members.edges[part] for part in cord))
-            _tendon(tendons, f"{kind}{k}", nodes, spring)
-            if damper and not own:
-                _tendon(tendons, f"damper{k}", nodes, {"damping": damper})
-    notes = ["cables are damped there while they are slack, too"] if damped else []
-    notes += [f"{stopped} cables that actuators move do not push beyond their dead bands there"] if stopped else []
-    moved = (
-        f"{len(plan.actuated)} actuators change rest lengths by their controls (m); the gait itself is no part of it"
-    )
-    return [*notes, *([moved] if plan.actuated else [])]
-
-
-def _tendon(parent: ElementTree.Element, name: str, nodes: tuple[int, ...], law: dict[str, Any]) -> None:
-    tendon = add_element(parent, "spatial", name=name, **law)
-    for node in nodes:
-        add_element(tendon, "site", site=f"n{node}")
-
-
-def _beside_cables(scene: Scene) -> dict[int, tuple[float, float]]:
-    """Dead band, m, and damper, N s/m, of each cable, by its first segment; without a dead band it never pushes."""
-    cables = scene.structure.cables
-    if cables is None:
-        return {}
-    cords = cables_of(cables.clusters, len(cables.edges))
-    band, damper = np.full(len(cords), np.inf), np.zeros(len(cords))
-    for term in scene.terms:
-        if isinstance(term, DeadBand):
-            band = np.minimum(band, np.asarray(term.width, float))
-        elif isinstance(term, CableDampers):
-            damper = damper + np.asarray(term.damping, float)
-    return {min(cord): each for cord, each in zip(cords, zip(band.tolist(), damper.tolist()))}
-
-
-def _in_series(values: PerMember, cord: tuple[int, ...]) -> float:
-    """Of springs or dampers one after the other: 0 where one of them is."""
-    own = np.asarray(values, float)[list(cord)]
-    if len(own) == 1 or not np.all(own):
-        return float(np.min(own))
-    return float(1 / np.sum(1 / own))
 
 
 def _drag_on_bodies(root: ElementTree.Element, drag: dict[int, float]) -> None:

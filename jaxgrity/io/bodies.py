@@ -1,4 +1,4 @@
-"""The rigid bodies and the sliding nodes of a scene file, read and written."""
+"""The rigid bodies, sliding nodes, and springs and dampers of hinges of a scene file, read and written."""
 
 from typing import Annotated
 
@@ -7,8 +7,9 @@ from msgspec import Meta
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors, Supports
-from jaxgrity.io.table_types import Number, Pair, Positive, Table
+from jaxgrity.io.table_types import NotNegative, Number, Pair, Positive, Table
 from jaxgrity.model.bodies import Bodies, Body, body_moments, rigid_body
+from jaxgrity.model.hinges import HingeDampers, HingeSprings, hinge_angles
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.slides import Slides, slides_of
 
@@ -33,6 +34,55 @@ class SlideTable(Table, kw_only=True):
 
     node: Number
     along: Pair
+
+
+class HingeTable(Table, kw_only=True):
+    """A spring, a damper, or both, on the angle between two parts."""
+
+    nodes: tuple[Number, Number, Number, Number]
+    """one of the first part, two on the axis, one of the second part"""
+    stiffness: NotNegative | None = None
+    rest_angle: float | None = None
+    damping: NotNegative | None = None
+
+
+def build_hinges(tables: list[HingeTable], nodes: np.ndarray) -> tuple[HingeSprings | HingeDampers, ...]:
+    """The laws of hinges, for `nodes` as built. A spring without a rest angle has no torque there.
+
+    Raises `InputError` for nodes that are no hinge, and a hinge without any law.
+    """
+    for k, table in enumerate(tables):
+        if table.stiffness is None and (table.damping is None or table.rest_angle is not None):
+            raise InputError(f"hinges[{k}]: expected stiffness (N m/rad), damping (N m s/rad), or both")
+        if max(table.nodes) >= len(nodes):
+            raise InputError(f"hinges[{k}].nodes = {list(table.nodes)}: expected nodes from 0 to {len(nodes) - 1}")
+    found: list[HingeSprings | HingeDampers] = []
+    if sprung := [table for table in tables if table.stiffness is not None]:
+        rows = tuple(table.nodes for table in sprung)
+        built = np.asarray(hinge_angles(np.asarray(nodes, float), rows))
+        rest = [angle if table.rest_angle is None else table.rest_angle for table, angle in zip(sprung, built)]
+        found.append(HingeSprings(rows, np.array([table.stiffness for table in sprung]), np.array(rest, float)))
+    if damped := [table for table in tables if table.damping is not None]:
+        rows = tuple(table.nodes for table in damped)
+        found.append(HingeDampers(rows, np.array([table.damping for table in damped])))
+    return tuple(found)
+
+
+def hinges_tables(scene: Scene) -> list[HingeTable]:
+    """The tables of springs and dampers of hinges of a scene file."""
+    found: list[HingeTable] = []
+    for term in scene.terms:
+        if type(term) is HingeSprings:
+            each = zip(term.nodes, np.asarray(term.stiffness).tolist(), np.asarray(term.rest_angle).tolist())
+            found += [HingeTable(nodes=rows, stiffness=K, rest_angle=angle) for rows, K, angle in each]
+        elif type(term) is HingeDampers:
+            each_damping = np.asarray(term.damping).tolist()
+            if [table.nodes for table in found] == list(term.nodes):
+                for table, c in zip(found, each_damping):
+                    table.damping = c
+            else:
+                found += [HingeTable(nodes=rows, damping=c) for rows, c in zip(term.nodes, each_damping)]
+    return found
 
 
 def build_slides(tables: list[SlideTable]) -> tuple[Slides, ...]:

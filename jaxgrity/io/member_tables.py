@@ -83,3 +83,5 @@ class CablesTable(_MembersTable):
     largest_force: Positive | list[Positive] | None = None
     dead_band: NotNegative | list[NotNegative] | None = None
     damper: NotNegative | list[NotNegative] | None = None
+    pull: NotNegative | list[NotNegative] | None = None
+    pull_slope: NotNegative | list[NotNegative] | None = None

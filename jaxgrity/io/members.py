@@ -12,13 +12,24 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, Edges
 from jaxgrity.io.member_sizes import has_sizes, members_of_sizes
-from jaxgrity.io.member_tables import CablesTable, MotorTable, PulleyKeys, StrutsTable, TouchingKeys
+from jaxgrity.io.member_tables import CablesTable, ForceKeys, MotorTable, PulleyKeys, StrutsTable, TouchingKeys
 from jaxgrity.io.validation import shown
 from jaxgrity.model.clusters import check_clusters
-from jaxgrity.model.force_laws import cable_dampers, dead_band, first_slope, force_limit, force_table
+from jaxgrity.model.force_laws import (
+    CableDampers,
+    DeadBand,
+    ForceLimit,
+    ForceTable,
+    cable_dampers,
+    dead_band,
+    first_slope,
+    force_limit,
+    force_table,
+)
 from jaxgrity.model.laws import Law
 from jaxgrity.model.motors import Motor
 from jaxgrity.model.pulleys import CableRoute, Pulley, built_lengths, check_pulleys, check_wraps
+from jaxgrity.model.pulls import CommandedPull, commanded_pull
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members, per_member
 from jaxgrity.model.strut_contact import radius_of_struts, strut_contact, touching_like, without_strut_contact
@@ -116,9 +127,30 @@ def cable_laws(table: CablesTable | None, cables: Members | None) -> tuple[Law, 
             found.append(dead_band(cables, table.dead_band))
         if table.damper is not None:
             found.append(cable_dampers(cables, table.damper))
+        if _is_forced(table):
+            found.append(commanded_pull(cables, _or_zero(table.pull), _or_zero(table.pull_slope)))
     except InputError as error:
         raise InputError(f"cables: {error}") from error
     return tuple(found)
+
+
+def force_keys(law: Law) -> dict[str, Any]:
+    """The keys of a nonlinear force law in a [cables] table; none for other laws."""
+    if type(law) is ForceTable:
+        return {"force": ForceKeys(*(np.asarray(x).tolist() for x in (law.stretch, law.force)))}
+    if type(law) is ForceLimit:
+        return {"largest_force": one_or_all(law.largest)}
+    if type(law) is DeadBand:
+        return {"dead_band": one_or_all(law.width)}
+    if type(law) is CableDampers:
+        return {"damper": one_or_all(law.damping)}
+    if type(law) is CommandedPull:
+        return {"pull": one_or_all(law.pull), "pull_slope": one_or_all(law.slope)}
+    return {}
+
+
+def _is_forced(table: CablesTable) -> bool:
+    return table.pull is not None or table.pull_slope is not None
 
 
 def _stiffness(table: StrutsTable | CablesTable) -> float | list[float] | None:
@@ -128,6 +160,8 @@ def _stiffness(table: StrutsTable | CablesTable) -> float | list[float] | None:
             raise InputError("struts.stiffness: missing; expected a stiffness (N/m) or rigid = true")
         return table.stiffness
     if table.force is None:
+        if table.stiffness is None and _is_forced(table):
+            return 0.0
         if table.stiffness is None:
             raise InputError(
                 "cables.stiffness: missing; expected a number > 0 or a list of numbers > 0, or cables.force"
@@ -173,22 +207,7 @@ def members_table(members: Members | None, table: Callable, kind: str, forces: d
     if members is None:
         return None
     given: dict[str, Any] = {"rest_length": one_or_all(members.rest_length), "stuck": list(members.stuck)}
-    stiffness = members.stiffness
-    if stiffness is None:
-        if kind == "cables" or members.damping is not None:
-            raise InputError(f"{kind}: rigid members go without damping, and cables are springs, in scene files")
-        given["rigid"] = True
-    else:
-        broken = [int(k) for k in np.flatnonzero(np.asarray(stiffness) == 0)]
-        if broken and kind == "struts":
-            raise InputError(f"struts: stiffness of {broken} is 0; expected positive ones, as scene files do")
-        if broken and members.damping is not None and np.any(np.asarray(members.damping)[broken]):
-            raise InputError(f"{kind}: {broken} have dampers without springs; expected a stiffness, as scene files do")
-        if broken:
-            # which the file says, and not how stiff they were
-            given["broken"] = broken
-            stiffness = np.where(np.asarray(stiffness) == 0, 1.0, stiffness)
-        given["stiffness"] = one_or_all(stiffness)
+    given |= _stiffness_keys(members, kind, "pull" in forces)
     for name in ("damping", "mass", "yield_force", "bending_stiffness"):
         value = getattr(members, name)
         if value is not None:
@@ -200,10 +219,29 @@ def members_table(members: Members | None, table: Callable, kind: str, forces: d
     given |= forces
     if "force" in given:
         first = first_slope(given["force"].stretch, given["force"].force)
-        if not np.allclose(np.asarray(stiffness), first, rtol=1e-9, atol=0):
+        if not np.allclose(given.get("stiffness", 0.0), first, rtol=1e-9, atol=0):
             raise InputError(f"{kind}: stiffness is not {first:g} N/m, the first slope of their table; expected that")
-        del given["stiffness"]  # which the table says
+        given.pop("stiffness")  # which the table says
     return table(**given)
+
+
+def _stiffness_keys(members: Members, kind: str, forced: bool) -> dict[str, Any]:
+    """The keys that say how stiff members are; none for cables that are all `forced` without a spring."""
+    stiffness = members.stiffness
+    if stiffness is None:
+        if kind == "cables" or members.damping is not None:
+            raise InputError(f"{kind}: rigid members go without damping, and cables are springs, in scene files")
+        return {"rigid": True}
+    broken = [int(k) for k in np.flatnonzero(np.asarray(stiffness) == 0)]
+    if broken and kind == "struts":
+        raise InputError(f"struts: stiffness of {broken} is 0; expected positive ones, as scene files do")
+    if forced and len(broken) == len(members.edges):
+        return {}
+    if broken and members.damping is not None and np.any(np.asarray(members.damping)[broken]):
+        raise InputError(f"{kind}: {broken} have dampers without springs; expected a stiffness, as scene files do")
+    # which are broken the file says, and not how stiff they were
+    known = one_or_all(np.where(np.asarray(stiffness) == 0, 1.0, stiffness))
+    return {"broken": broken, "stiffness": known} if broken else {"stiffness": known}
 
 
 def _keys(part: Motor | Pulley) -> dict[str, Any]:

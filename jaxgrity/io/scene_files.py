@@ -12,7 +12,7 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.io.added import added_masses, with_added_parts, with_own_numbers
-from jaxgrity.io.bodies import bodies_tables, build_bodies, build_slides
+from jaxgrity.io.bodies import bodies_tables, build_bodies, build_hinges, build_slides
 from jaxgrity.io.files import found_file, read_text, shipped
 from jaxgrity.io.grounds import build_ground
 from jaxgrity.io.member_sizes import has_sizes, with_sizes_kept
@@ -127,6 +127,7 @@ def build_scene(file: SceneFile, folder: Path) -> Scene:
             *build_slides(file.slides),
             *_forces_from_outside(file, len(structure.nodes)),
             *cable_laws(file.cables, structure.cables),
+            *build_hinges(file.hinges, np.asarray(structure.nodes)),
         ),
     )
     if file.ground is not None and (keys := file.ground.along_struts) is not None:

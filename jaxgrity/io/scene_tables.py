@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from jaxgrity.io.added import AddedTable
-from jaxgrity.io.bodies import BodyTable, SlideTable
+from jaxgrity.io.bodies import BodyTable, HingeTable, SlideTable
 from jaxgrity.io.ground_tables import BoxTable, CylinderTable, SphereTable, SurfaceTable
 from jaxgrity.io.member_tables import CablesTable, StrutsTable
 from jaxgrity.io.structure_tables import StructureTable
@@ -133,5 +133,6 @@ class SceneFile(Table):
     bodies: list[BodyTable] = []
     slides: list[SlideTable] = []
     added: list[AddedTable] = []
+    hinges: list[HingeTable] = []
     gait: GaitTable | None = None
     loads: list[LoadTable] = []

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
-from jaxgrity.io.bodies import bodies_tables, slides_tables
+from jaxgrity.io.bodies import bodies_tables, hinges_tables, slides_tables
 from jaxgrity.io.files import write_whole
 from jaxgrity.io.ground_tables import (
     BowlTable,
@@ -25,8 +25,7 @@ from jaxgrity.io.ground_tables import (
     SurfaceTable,
     WavesTable,
 )
-from jaxgrity.io.member_tables import ForceKeys
-from jaxgrity.io.members import members_table, one_or_all, touching_keys
+from jaxgrity.io.members import force_keys, members_table, one_or_all, touching_keys
 from jaxgrity.io.scene_tables import (
     AlongStrutsKeys,
     BallsKeys,
@@ -52,6 +51,8 @@ from jaxgrity.model.force_laws import CableDampers, DeadBand, ForceLimit, ForceT
 from jaxgrity.model.friction import ConeFriction, Friction, SmoothFriction, SwitchFriction
 from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround
 from jaxgrity.model.height_fields import HeightMap, HeightWaves
+from jaxgrity.model.hinges import HingeDampers, HingeSprings
+from jaxgrity.model.pulls import CommandedPull
 from jaxgrity.model.rod_contact import ALONG_STRUTS, laws_along, radii_along_struts
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking, SupportMotion
@@ -66,8 +67,9 @@ WIDTH = 120
 """Most characters in a line of lists. A longer list of lists takes one line for each."""
 OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
 ORDER_OF_TERMS: dict[type, int] = {Slides: 0, Wind: 1, Push: 2, ForceTable: 3, ForceLimit: 3, DeadBand: 4}
-ORDER_OF_TERMS |= {CableDampers: 5} | dict.fromkeys(ALONG_STRUTS, 6) | dict.fromkeys(BETWEEN_STRUTS, 7)
-"""Order in which `load_scene` adds terms; of each of the first six kinds but pushes it adds one at most."""
+ORDER_OF_TERMS |= {CableDampers: 5, CommandedPull: 6, HingeSprings: 7, HingeDampers: 8}
+ORDER_OF_TERMS |= dict.fromkeys(ALONG_STRUTS, 9) | dict.fromkeys(BETWEEN_STRUTS, 10)
+"""Order in which `load_scene` adds terms; of each of the first nine kinds but pushes it adds one at most."""
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 
 
@@ -122,6 +124,7 @@ def scene_file(scene: Scene) -> SceneFile:
         shaking=_shaking(scene.shaking),
         bodies=bodies_tables(structure.bodies, structure.nodes),
         slides=slides_tables(scene),
+        hinges=hinges_tables(scene),
         gait=_gait(scene.gait),
         loads=[
             LoadTable(case.name, [node], tuple(row))
@@ -254,8 +257,8 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
     wind, pushes = None, []
     forces: dict[str, Any] = {}
     places = [ORDER_OF_TERMS[type(term)] for term in scene.terms if type(term) in ORDER_OF_TERMS]
-    if places != sorted(places) or any(places.count(place) > 1 for place in (0, 1, 3, 4, 5)):
-        told = "slides, a wind, pushes, one table or largest force of cables, dead bands, dampers, contact of struts"
+    if places != sorted(places) or any(places.count(place) > 1 for place in (0, 1, 3, 4, 5, 6, 7, 8)):
+        told = "slides, a wind, pushes, a table or largest force of cables, dead bands, dampers, pulls, hinges, contact"
         raise InputError(f"terms are {', '.join(term.name for term in scene.terms)}; expected in this order {told}")
     for number, term in enumerate(scene.terms):
         if type(term) is Wind:
@@ -263,14 +266,8 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
         elif type(term) is Push and np.ptp(term.force, axis=0).max() == 0:
             times = (float(value) for value in (term.start, term.duration, term.ramp))
             pushes.append(PushTable(list(term.nodes), tuple(np.asarray(term.force)[0].tolist()), *times))
-        elif type(term) is ForceTable:
-            forces |= {"force": ForceKeys(*(np.asarray(x).tolist() for x in (term.stretch, term.force)))}
-        elif type(term) is ForceLimit:
-            forces |= {"largest_force": one_or_all(term.largest)}
-        elif type(term) is DeadBand:
-            forces |= {"dead_band": one_or_all(term.width)}
-        elif type(term) is CableDampers:
-            forces |= {"damper": one_or_all(term.damping)}
+        elif keys := force_keys(term):
+            forces |= keys
         elif type(term) is Push or type(term) not in ORDER_OF_TERMS:
             raise _no_key(f"terms[{number}]", term)
     return wind, pushes, forces

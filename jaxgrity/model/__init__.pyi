@@ -6,9 +6,10 @@ from .force_laws import cable_dampers, dead_band
 from .friction import Friction
 from .gait_waves import TravellingWave, travelling_waves
 from .ground import Ground
-from .inertia import energy_of_motion, mass_matrix, mobility, momenta
+from .inertia import energy_of_motion, mass_matrix, mobility, momenta, with_mass_at_ends
 from .load_cases import LoadCase
 from .pulleys import Pulley
+from .pulls import commanded_pull
 from .scene import body_length
 from .sizes import MATERIALS, Material, sized_members
 from .slides import Slides
@@ -33,6 +34,7 @@ __all__ = [
     "body_length",
     "body_moments",
     "cable_dampers",
+    "commanded_pull",
     "dead_band",
     "energy_of_motion",
     "exact_twin",
@@ -50,4 +52,5 @@ __all__ = [
     "symmetries",
     "travelling_waves",
     "with_contact_between_struts",
+    "with_mass_at_ends",
 ]

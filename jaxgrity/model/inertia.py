@@ -32,6 +32,28 @@ def energy_of_motion(structure: Structure, v: NodeVectors) -> Scalar:
 
 
 @typed
+def with_mass_at_ends(structure: Structure) -> Structure:
+    """The structure with the mass of each member at its ends, half at each, so that all mass is at nodes.
+
+    Masses and centres of mass stay. A rod of mass m and length L then has the moment of inertia m L^2/4 about its
+    centre, in place of m L^2/12. On exact contact, sweeps then solve rods that share no node, several times faster.
+    Rigid bodies stay as they are.
+
+    Example:
+        >>> rod = jaxgrity.Members(((0, 1),), None, [1.0], mass=[6.0])
+        >>> structure = jaxgrity.Structure([[0, 0, 0], [1, 0, 0]], [0.0, 0.0], rod)
+        >>> jaxgrity.model.with_mass_at_ends(structure).node_mass.tolist()
+        [3.0, 3.0]
+    """
+    if not structure.rod_masses:
+        return structure
+    struts, cables = (
+        None if each is None else dataclasses.replace(each, mass=None) for each in (structure.struts, structure.cables)
+    )
+    return dataclasses.replace(structure, node_mass=structure.mass_beside_bodies, struts=struts, cables=cables)
+
+
+@typed
 def momenta(structure: Structure, v: NodeVectors) -> NodeVectors:
     """M v = dT/dv, (nodes, 3), kg m/s: each node's share of the momentum."""
     if structure.of_points:

@@ -150,15 +150,13 @@ class Structure(eqx.Module):
 
     @property
     def lumped_mass(self) -> AnyPerNode:
-        """Mass of each node plus half of each member's mass there, kg: it gives weight, momentum and centre of mass.
-
-        Rigid bodies add the masses from `lumped`, which may be negative.
-        """
-        mass = self._mass_of_members
+        """`mass_beside_bodies` and the masses from `lumped`, which may be negative: weight, momentum, centre."""
+        mass = self.mass_beside_bodies
         return mass + lumped(self.bodies, len(self.nodes)) if self.bodies else mass
 
     @property
-    def _mass_of_members(self) -> AnyPerNode:
+    def mass_beside_bodies(self) -> AnyPerNode:
+        """Mass of each node plus half of each member's mass there, kg, without rigid bodies."""
         mass = self.node_mass
         for rod_mass, edges in self.rod_masses:
             for ends in zip(*edges):
@@ -168,7 +166,8 @@ class Structure(eqx.Module):
     @property
     def borne_mass(self) -> AnyPerNode:
         """(nodes,), positive, kg: mass that converts impulses to velocities in reports. Bodies share theirs evenly."""
-        return self._mass_of_members + shared_evenly(self.bodies, len(self.nodes)) if self.bodies else self.lumped_mass
+        mass = self.mass_beside_bodies
+        return mass + shared_evenly(self.bodies, len(self.nodes)) if self.bodies else mass
 
     @property
     def free(self) -> np.ndarray:

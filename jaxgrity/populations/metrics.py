@@ -10,6 +10,8 @@ from jaxgrity.core.primitives import component, dot, edge_vectors, inverse, leng
 from jaxgrity.core.types import AnyArray, PerActuator, PerGait, PerNode, Scalar, namespace_of
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.balls import touching_velocities
+from jaxgrity.model.pulleys import path_lengths
+from jaxgrity.model.pulls import reeled_cables
 from jaxgrity.model.rod_contact import strut_distances
 from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene
@@ -146,8 +148,10 @@ def _lengthened(scene: Scene, step: Step, numbers: tuple[int, ...], impulses: bo
     """m, by which some members lengthen in a step; with `impulses`, those that act by impulses in the time of one.
 
     An impulse stands between two steps, and works with the mean of the velocities of both: a strut that starts at
-    once gives a node m dv^2/2, not m dv^2.
+    once gives a node m dv^2/2, not m dv^2. A cable that is driven by force has no spring between it and its motor,
+    which reels as much as the cable lengthens.
     """
+    reeled = reeled_cables(scene)
     parts = []
     for members, rows, first in _by_kind(scene, numbers):
         between = impulses and members.rigid
@@ -155,6 +159,10 @@ def _lengthened(scene: Scene, step: Step, numbers: tuple[int, ...], impulses: bo
         change = rest_length(members, scene.gait, step.t0 + step.h, first) - rest_length(
             members, scene.gait, began, first
         )
+        if reeled is not None and first == scene.structure.first_cable:
+            places = step.before.motion[0], step.after.motion[0]
+            before, after = (path_lengths(members, edge_vectors(q, members.edges), q) for q in places)
+            change = jnp.where(reeled, after - before, change)
         parts.append(take_rows(change / 2 if between else change, rows))
     return _in_order(numbers, parts)
 

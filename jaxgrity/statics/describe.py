@@ -7,10 +7,12 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.actuation import Gait
+from jaxgrity.model.clusters import cables_of
 from jaxgrity.model.dissipation import CapstanFriction
 from jaxgrity.model.friction import SwitchFriction
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.pulleys import built_lengths
+from jaxgrity.model.pulls import forced_cables
 from jaxgrity.model.rigidity import linked
 from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS, Scene
@@ -42,7 +44,7 @@ def describe(scene: Scene) -> str:
         *_describe_strut_contact(scene),
         *_describe_friction(scene),
         *_describe_supports(scene),
-        *_describe_members(scene.structure),
+        *_describe_members(scene),
         *_describe_bodies(scene.structure),
         *_describe_slides(scene),
         *_describe_prestress(scene),
@@ -97,8 +99,8 @@ def _describe_supports(scene: Scene) -> list[tuple[str, str]]:
     return [("fixed", ", ".join(fixed) + shaking)] if fixed else []
 
 
-def _describe_members(structure: Structure) -> list[tuple[str, str]]:
-    lines = []
+def _describe_members(scene: Scene) -> list[tuple[str, str]]:
+    lines, structure = [], scene.structure
     for name, members, _ in structure.numbered:
         parts = [
             f"{len(members.edges)}",
@@ -110,14 +112,29 @@ def _describe_members(structure: Structure) -> list[tuple[str, str]]:
             parts.append(f"damping {_span(members.damping, 'N s/m')}")
         if members.mass is not None:
             parts.append(f"mass {_span(members.mass, 'kg')}")
-        broken = [] if members.stiffness is None else np.flatnonzero(np.asarray(members.stiffness) == 0).tolist()
+        forced = _driven_by_force(scene) if name == "cables" else set[int]()
+        slack = set() if members.stiffness is None else set(np.flatnonzero(np.asarray(members.stiffness) == 0).tolist())
         motors = [motor.member for motor in members.motors]
         clusters = [list(cluster) for cluster in members.clusters]
-        which = {"broken": broken, "stuck": members.stuck, "as one cable each": clusters, "with a motor": motors}
+        which = {
+            "broken": sorted(slack - forced),
+            "driven by force": sorted(forced),
+            "stuck": members.stuck,
+            "as one cable each": clusters,
+            "with a motor": motors,
+        }
         which["over a pulley between"] = [list(pulley.between) for pulley in members.pulleys]
         parts += [f"{words} {list(numbers)}" for words, numbers in which.items() if numbers]
         lines.append((name, ", ".join(parts)))
     return lines
+
+
+def _driven_by_force(scene: Scene) -> set[int]:
+    """The cables with a commanded pull, all segments of those that run through several nodes."""
+    cables = scene.structure.cables
+    assert cables is not None, "the caller has looked"
+    cords = cables_of(cables.clusters, len(cables.edges))
+    return {k for cord, forced in zip(cords, np.any(forced_cables(scene), axis=1).tolist()) if forced for k in cord}
 
 
 def _describe_bodies(structure: Structure) -> list[tuple[str, str]]:

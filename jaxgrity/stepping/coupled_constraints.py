@@ -157,7 +157,7 @@ def contact_nodes(scene: Scene) -> np.ndarray:
     return np.arange(len(scene.structure.nodes)) if ground.balls is None else np.array(ground.balls.nodes)
 
 
-def velocities_of_all(scene: Scene, h: Scalar, q: NodeVectors, placed: NodeVectors, w: NodeVectors) -> NodeVectors:
+def velocities_of_all(scene: Scene, h: Scalar, q: NodeVectors, placed: NodeVectors, w: MemberVectors) -> NodeVectors:
     """m/s, in a step of h (s) from q (m), of all nodes, from those of the independent ones.
 
     What follows the basic points of a body is led back to its place (`Known.placed`), so that roundings do not add up.

@@ -158,7 +158,7 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     size, speed = (float(length_scale(scene)), float(speed_scale(scene))) if concrete else (1.0, 1.0)
     rtol, atol = _tolerances(given, method, dtype, min(size, speed))
     _check_method(scene, method)
-    sweeps, coupled = _sweeps(given, method, dtype, size), _coupled(scene, given, method, concrete)
+    sweeps, coupled = _sweeps(given, method, dtype, size), is_coupled(scene, given, method, concrete)
     if coupled and given.sweeps is not None:
         without = "none" if _must_be_coupled(scene) else "none, or coupled = False"
         raise InputError(
@@ -219,7 +219,7 @@ def options_anew(scene: Scene, method: str, dt: float, dtype: str) -> ResolvedOp
     """The options of a motion of the scene, whose start has been checked: its method, its step (s), its precision."""
     given, chosen = SolverOptions(), find_method(method)
     rtol, atol = _tolerances(given, chosen, dtype, 1.0)  # which steps of one size have no use for
-    coupled = _coupled(scene, given, chosen, not traced(scene))
+    coupled = is_coupled(scene, given, chosen, not traced(scene))
     return ResolvedOptions(chosen, dt, dtype, rtol, atol, coupled=coupled)
 
 
@@ -278,7 +278,7 @@ def _must_be_coupled(scene: Scene) -> bool:
     return joined or balls or capsules_of(scene) is not None or bool(points_between(scene))
 
 
-def _coupled(scene: Scene, given: SolverOptions, method: Method, concrete: bool) -> bool:
+def is_coupled(scene: Scene, given: SolverOptions, method: Method, concrete: bool) -> bool:
     """Whether struts and contacts are solved together: by request, where they must be, or where sweeps may fail."""
     if not method.constrained:
         if given.coupled is not None:

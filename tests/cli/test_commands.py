@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import (
+    ConeFriction,
     Distance,
     InputError,
     SearchConfig,
@@ -36,7 +37,7 @@ from jaxgrity import simulate as roll_out
 from jaxgrity.cli import command_line, progress, script, search_settings, simulate
 from jaxgrity.cli import main as command
 from jaxgrity.cli import settings as all_settings
-from jaxgrity.cli.search import make_quick, replaced_words, standstill_words
+from jaxgrity.cli.search import faster_words, make_quick, replaced_words, standstill_words
 from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.formats import load_trajectory
@@ -387,6 +388,29 @@ def test_a_search_says_before_it_begins_that_its_gaits_are_late():
     assert standstill_words(late, SearchConfig(duration=43.0)) == ""
     for name in ("exact", "reference", "uphill"):
         assert standstill_words(load_scene(name), SearchConfig(duration=8.0)) == "", name
+
+
+def test_a_search_says_how_it_would_be_faster():
+    """Of rods with mass, and of friction that sweeps may not solve; on penalty ground too. Nothing where it is fast."""
+    for name in ("exact", "reference"):
+        scene = load_scene(name)
+        assert faster_words(scene, "robot.toml") == "", name
+        rods = replace(scene, structure=replace(scene.structure, struts=struts_of_mass(scene)))
+        said = faster_words(rods, "robot.toml")
+        assert said.count("\n") == 2
+        assert "Faster: jaxgrity convert robot.toml light.toml --mass-at-ends (rods are then harder to turn).\n" in said
+    rough = replace(load_scene("exact"), friction=ConeFriction(1.0))
+    assert "Faster: [friction] mu = 0.99.\n" in faster_words(rough, "robot.toml")
+    both = faster_words(replace(rough, structure=replace(rough.structure, struts=struts_of_mass(rough))), "robot.toml")
+    assert "--mass-at-ends (rods are then harder to turn), and [friction] mu = 0.99.\n" in both
+    spine = load_scene("exact")
+    held = replace(spine, structure=replace(spine.structure, fixed=((0, "xyz"),)))
+    assert faster_words(held, "robot.toml") == ""
+
+
+def struts_of_mass(scene):
+    """The struts, with 1 kg each."""
+    return replace(scene.structure.struts, mass=np.ones(len(scene.structure.struts.edges)))
 
 
 def test_a_quick_search_keeps_what_is_smaller():

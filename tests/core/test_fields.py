@@ -12,6 +12,8 @@ import pytest
 import jaxgrity
 from jaxgrity import control, model, search
 from jaxgrity.model import force_laws
+from jaxgrity.model.hinges import HingeDampers, HingeSprings
+from jaxgrity.model.pulls import CommandedPull
 
 ANY, POSITIVE, NOT_NEGATIVE, COUNT, INDEX, OTHER = "any number", "positive", "not negative", "count", "index", "other"
 """Kinds of fields: finite real numbers, whole numbers from 1 and from 0 on, and what holds no numbers."""
@@ -195,6 +197,19 @@ EXAMPLES = [
     _of(jaxgrity.ForceLimit, largest=(ONES, POSITIVE, ROWS), factors=(ONES, NOT_NEGATIVE, ROWS)),
     _of(force_laws.DeadBand, width=(ONES, NOT_NEGATIVE, ROWS), factors=(ONES, NOT_NEGATIVE, ROWS)),
     _of(force_laws.CableDampers, damping=(ONES, NOT_NEGATIVE, ROWS)),
+    _of(
+        CommandedPull,
+        pull=(ONES, NOT_NEGATIVE, ROWS),
+        slope=(ONES, NOT_NEGATIVE, ROWS),
+        factors=(ONES, NOT_NEGATIVE, ROWS),
+    ),
+    _of(
+        HingeSprings,
+        nodes=(((0, 1, 2, 3), (4, 5, 6, 7)), OTHER),
+        stiffness=(np.ones(2), NOT_NEGATIVE, ROWS),
+        rest_angle=(np.ones(2), ANY),
+    ),
+    _of(HingeDampers, nodes=(((0, 1, 2, 3), (4, 5, 6, 7)), OTHER), damping=(np.ones(2), NOT_NEGATIVE, ROWS)),
     _of(model.Slides, nodes=((2,), OTHER), along=(((0, 1),), OTHER)),
     _of(model.LoadCase, name=("snow", OTHER), nodes=((0, 1), OTHER), force=(np.ones((2, 3)), ANY)),
     _of(model.Balls, nodes=((0, 1), OTHER), radius=(ONES, NOT_NEGATIVE, ROWS)),

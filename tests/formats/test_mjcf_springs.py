@@ -215,13 +215,14 @@ def test_servos_have_the_rest_lengths_of_a_keyframe(tmp_path):
 
 
 def test_controls_of_a_keyframe_that_are_forces_are_refused(tmp_path):
-    """A motor's constant force has no counterpart, and a servo without a control says what it lacks."""
+    """Where they lag behind their controls; a servo without a control says what it lacks."""
     springs = [("a0 b0", PULLING), ("w a0", PULLING)]
-    motor = '<actuator><motor name="m" tendon="t0" ctrlrange="-9 9"/></actuator>'
+    lag = 'dyntype="filter" dynprm="1"'
+    motor = f'<actuator><general name="m" tendon="t0" {lag} ctrlrange="-9 9"/></actuator>'
     key = '<keyframe><key name="up" ctrl="-3"/></keyframe></mujoco>'
     text = model(POINT, springs).replace("</mujoco>", motor + key)
     assert "1 actuators have no force at the start's controls, and are left out: m" in found(tmp_path, text).notes
-    with pytest.raises(InputError, match="actuator m: has a force of its own at its control -3 in the keyframe, which"):
+    with pytest.raises(InputError, match="actuator m: has a force of its own at its control -3; expected one along"):
         found(tmp_path, text, keyframe="up")
     servo = '<actuator><position name="p" tendon="t1" kp="9"/></actuator></mujoco>'
     text = model(POINT, [*springs[1:], ("a0 b0", "")]).replace("</mujoco>", servo)

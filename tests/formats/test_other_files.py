@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from jaxgrity import InputError, load_scene, parse_scene, simulate
+from jaxgrity import InputError, load_scene, parse_scene, scene_text, simulate
 from jaxgrity.cli.convert import ConvertSettings, main
 from jaxgrity.formats import (
     FORMATS,
@@ -342,6 +342,22 @@ def test_the_command_says_what_was_read_and_what_is_lost(tmp_path, capsys):
         main(ConvertSettings(str(source), tmp_path / "robot.toml", keyframe="up"))
     with pytest.raises(InputError, match=r"--drop radius: exact is read whole; expected --drop with NTRT files and"):
         main(ConvertSettings("exact", tmp_path / "robot.toml", drop=("radius",)))
+
+
+def test_the_command_puts_mass_at_the_ends(tmp_path, capsys):
+    """Of rods, with the moments of inertia before and after; there must be some."""
+    text = scene_text("exact").replace("mass = 6.0\n", "").replace("[struts]", "[struts]\nmass = 1.5")
+    (tmp_path / "rods.toml").write_text(text)
+    rods = load_scene(tmp_path / "rods.toml")
+    assert rods.structure.mass == pytest.approx(9.0)
+    main(ConvertSettings(str(tmp_path / "rods.toml"), tmp_path / "light.toml", mass_at_ends=True))
+    said = capsys.readouterr().out
+    assert "6 struts, with up to 1.5 kg: a moment of inertia of 0.375 kg m^2 about the centre in place of 0.125" in said
+    light = load_scene(tmp_path / "light.toml").structure
+    np.testing.assert_allclose(light.node_mass, 0.75)
+    assert light.struts.mass is None
+    with pytest.raises(InputError, match=r"--mass-at-ends: no member of .*light.toml has a mass of its own; expected"):
+        main(ConvertSettings(str(tmp_path / "light.toml"), tmp_path / "again.toml", mass_at_ends=True))
 
 
 def test_the_command_settles(tmp_path, capsys):

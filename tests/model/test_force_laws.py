@@ -30,13 +30,14 @@ from jaxgrity import (
     scene_text,
     with_terms,
 )
-from jaxgrity.model import cable_dampers, dead_band
+from jaxgrity.model import Command, cable_dampers, commanded_pull, dead_band
 from jaxgrity.statics import inspect_structure
 from jaxgrity.stepping import step_limit
 
 STRETCH, FORCE = [0.0, 0.01, 0.03, 0.05], [0.0, 6.0, 10.0, 30.0]
 TABLE = scene_text("reference").replace("stiffness = 600.0", f"force = {{ stretch = {STRETCH}, force = {FORCE} }}")
 LIMIT = scene_text("reference").replace("stiffness = 600.0", "stiffness = 600.0\nlargest_force = 100.0")
+PULL = scene_text("reference").replace("stiffness = 600.0", "pull = 5.0\npull_slope = 40.0")
 BAND = LIMIT.replace("largest_force", "damper = 2.0\ndead_band = 0.1\nlargest_force")
 
 
@@ -136,6 +137,21 @@ def test_a_damper_beside_a_cable_acts_while_it_is_slack_too(segments):
         np.testing.assert_allclose(force[-1], [-3.0 * 0.4, 0, 0], atol=1e-12)
 
 
+@pytest.mark.parametrize("segments", [1, 2])
+def test_a_commanded_pull_depends_on_the_command_alone(segments):
+    """P + s L0 c at any length, where c is the share by which a command shortens the cable; it never pushes."""
+    plain = cord(segments)
+    plain = eqx.tree_at(lambda s: s.structure.cables.stiffness, plain, np.zeros(segments))
+    plain = with_terms(plain, commanded_pull(plain.structure.cables, 5.0, 40.0))
+    s, members = np.array([-0.3, 0.0, 0.4]), tuple(range(segments))
+    np.testing.assert_allclose(pull_of(plain, segments * s), 5.0, atol=1e-12)
+    for share in (0.25, -0.5):
+        asked = Command(members, np.full(segments, share), np.zeros(segments), 0.0)
+        scene = eqx.tree_at(lambda s: s.gait, plain, asked, is_leaf=lambda x: x is None)
+        pull = max(0.0, 5.0 + 40.0 * segments * share)
+        np.testing.assert_allclose(pull_of(scene, segments * s), pull, atol=1e-12)
+
+
 def test_a_table_follows_the_stiffness_of_its_cables():
     """Of robots that differ: in a cable that is softer each force is smaller, in one that is broken there is none."""
     scene = cord(2)
@@ -177,7 +193,7 @@ def test_a_table_that_stiffens_asks_for_smaller_steps():
     np.testing.assert_allclose(limits[1] / limits[0], np.sqrt(0.6), rtol=1e-6)
 
 
-@pytest.mark.parametrize("text", [TABLE, LIMIT, BAND], ids=["table", "limit", "band"])
+@pytest.mark.parametrize("text", [TABLE, LIMIT, BAND, PULL], ids=["table", "limit", "band", "pull"])
 def test_scene_files_have_them(text, tmp_path):
     scene = parse_scene(text)
     assert scene.terms[0].name in describe(scene)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, Members, Structure, describe, parse_scene
-from jaxgrity.model import energy_of_motion, mass_matrix, mobility, momenta, symmetries
+from jaxgrity.model import energy_of_motion, mass_matrix, mobility, momenta, rigid_body, symmetries, with_mass_at_ends
 from jaxgrity.model.inertia import accelerations, along_fixed
 
 
@@ -20,6 +20,25 @@ def test_kinetic_energy_is_that_of_mass_spread_along_a_rod():
     s = (np.arange(100_000) + 0.5)[:, None] / 100_000
     speeds = (1 - s) * v[0] + s * v[1]
     assert float(energy_of_motion(rod, jnp.array(v))) == pytest.approx(m / 2 * np.mean(np.sum(speeds**2, 1)), rel=1e-9)
+
+
+def test_mass_at_the_ends_of_rods_turns_three_times_as_hard():
+    """Mass and centre stay; a rod of mass m and length L has m L^2/4 about its centre. Bodies stay as they are."""
+    x = np.random.default_rng(0).normal(size=(7, 3))
+    rods = Members(((0, 1), (2, 3)), None, np.linalg.norm(x[[0, 2]] - x[[1, 3]], axis=1), mass=[2.0, 0.5])
+    cables = Members(((0, 2), (1, 3)), [9.0, 9.0], [1.0, 1.0], mass=[0.1, 0.2])
+    body = rigid_body(x, (4, 5, 6, 0), 3.0, [0.4, 0.5, 0.6], basic=(0,))
+    structure = Structure(x, [0.1, 0, 0, 0.2, 0, 0, 0], rods, cables, bodies=(body,))
+    light = with_mass_at_ends(structure)
+    assert light.rod_masses == ()
+    np.testing.assert_allclose(light.node_mass, [1.15, 1.1, 0.3, 0.55, 0, 0, 0])
+    np.testing.assert_allclose(light.lumped_mass, structure.lumped_mass)
+    assert light.bodies == structure.bodies
+    alone = Structure(x[:2], [0.0, 0.0], Members(((0, 1),), None, rods.rest_length[:1], mass=[2.0]))
+    v = np.cross([0.3, -0.4, 0.5], x[:2] - x[:2].mean(0))
+    turning = [energy_of_motion(each, jnp.asarray(v)) for each in (alone, with_mass_at_ends(alone))]
+    assert float(turning[1] / turning[0]) == pytest.approx(3)
+    assert with_mass_at_ends(light) is light
 
 
 def test_momenta_are_the_mass_matrix_times_velocities(published_tower):

@@ -42,6 +42,7 @@ from jaxgrity.model import (
     Ground,
     Pulley,
     cable_dampers,
+    commanded_pull,
     dead_band,
     rigid_body,
     standing_symmetries,
@@ -51,8 +52,10 @@ from jaxgrity.model import (
 from jaxgrity.model.dissipation import CapstanFriction
 from jaxgrity.model.force_laws import CableDampers, DeadBand
 from jaxgrity.model.friction import CoulombCone
+from jaxgrity.model.hinges import HingeDampers, HingeSprings
 from jaxgrity.model.law_symmetry import looks_alike
 from jaxgrity.model.laws import Constraint
+from jaxgrity.model.pulls import CommandedPull
 from jaxgrity.model.rod_contact import ALONG_STRUTS
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
 from jaxgrity.model.slides import Slides
@@ -84,10 +87,12 @@ def _lacks_attributes(kind: type) -> bool:
 def scenes(reference, exact):
     """Between them they have everything."""
     switch = eqx.tree_at(lambda s: s.friction, reference, SwitchFriction(0.6, 0.4, 1e-3))
+    hinges = ((0, 4, 5, 8), (1, 2, 3, 9))
+    hinged = with_terms(exact, HingeSprings(hinges, [1.0, 2.0], [0.1, 0.2]), HingeDampers(hinges, [0.1, 0.1]))
     pushed = with_terms(exact, wind([2.0, 0, 0], 0.01, 12), Push((0,), [[1.0, 0, 0]], 0.1, 0.1))
     cables = exact.structure.cables
     laced = with_terms(exact, force_table(cables, [0.0, 0.1, 0.2], [0.0, 60.0, 180.0]), force_limit(cables, 200.0))
-    laced = with_terms(laced, dead_band(cables, 0.1), cable_dampers(cables, 1.0))
+    laced = with_terms(laced, dead_band(cables, 0.1), cable_dampers(cables, 1.0), commanded_pull(cables, 5.0, 9.0))
     payload = rigid_body(exact.structure.nodes, (0, 1, 4, 5, 8), 2.0, [0.1, 0.1, 0.1])
     loaded = eqx.tree_at(lambda s: s.structure.bodies, exact, (payload,))
     touching = with_contact_between_struts(with_contact_along_struts(reference, 2), 0.01)
@@ -95,7 +100,18 @@ def scenes(reference, exact):
     pulley = Pulley((0, 16), 0.01, (0.0, 0.0, 1.0), mu=0.3, slip_speed=0.01)
     over = dataclasses.replace(reference.structure.cables, clusters=((0, 16),), pulleys=(pulley,))
     rough = eqx.tree_at(lambda s: s.structure.cables, reference, over)
-    return sliding, reference, exact, switch, pushed, laced, touching, rough, with_contact_between_struts(loaded, 0.01)
+    return (
+        sliding,
+        hinged,
+        reference,
+        exact,
+        switch,
+        pushed,
+        laced,
+        touching,
+        rough,
+        with_contact_between_struts(loaded, 0.01),
+    )
 
 
 def test_every_law_of_the_library_is_known():
@@ -107,7 +123,8 @@ def test_every_law_of_the_library_is_known():
     laws = concrete(Law)
     assert len(laws) > 10
     pairs = *ALONG_STRUTS, *BETWEEN_STRUTS
-    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit, DeadBand, CableDampers, Slides, *pairs}
+    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit, DeadBand, CableDampers, CommandedPull}
+    known |= {Slides, HingeSprings, HingeDampers, *pairs}
     assert {law for law in laws if law not in known and law.name not in {f.name for f in KNOWN_FRICTIONS}} == set()
     assert set(KNOWN_LAWS) <= laws
     assert concrete(Friction) == set(KNOWN_FRICTIONS)

@@ -22,9 +22,10 @@ from jaxgrity import (
     one_gait,
     random_phases,
     with_gait,
+    with_terms,
 )
 from jaxgrity import simulate_population as roll
-from jaxgrity.model import rigid_body
+from jaxgrity.model import commanded_pull, rigid_body
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.populations.metrics import FORCE_WINDOW, actuator_tension, initial_metrics, updated_metrics
 from jaxgrity.search.objectives import CostOfTransport, JumpHeight, Straightness
@@ -60,6 +61,18 @@ def test_measuring_disturbs_nothing():
     np.testing.assert_array_equal(measured.steps, plain.steps)
     np.testing.assert_array_equal(measured.failure, plain.failure)
     assert plain.metrics is None
+
+
+def test_motors_that_hold_a_force_reel_their_cables():
+    """1 kg pulled from rest by 3 N for 0.5 s: 0.375 m, 1.125 J, whatever the gait's strokes."""
+    cable = Members(((0, 1),), [0.0], [2.0])
+    structure = Structure([[0.0, 0, 0], [2.0, 0, 0]], [0.0, 1.0], None, cable, ((0, "xyz"),))
+    scene = with_terms(Scene(structure, gait=Gait((0,), [0.0], [0.1], [1.0])), commanded_pull(cable, 3.0))
+    gaits = gaits_of(scene.gait, np.zeros((2, 1)), np.array([[0.1], [0.0]]))
+    metrics = roll(scene, gaits, 0.5, with_metrics=True, options=SolverOptions("rk4", 1e-3)).metrics
+    np.testing.assert_allclose(metrics.effort, 1.125, rtol=1e-6)
+    np.testing.assert_allclose(metrics.peak_rate[:, 0], 1.5, rtol=1e-3)
+    assert np.ptp(metrics.peak_power) == 0
 
 
 @pytest.mark.slow

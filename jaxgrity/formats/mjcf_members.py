@@ -1,0 +1,112 @@
+"""Members of a scene as tendons of a MuJoCo model, and their actuators."""
+
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from jaxgrity.core.types import PerMember
+from jaxgrity.formats.foreign import add_element
+from jaxgrity.formats.mjcf_plan import Plan, amplitudes
+from jaxgrity.model.clusters import cables_of, nodes_along
+from jaxgrity.model.force_laws import CableDampers, DeadBand
+from jaxgrity.model.pulls import forced_cables
+from jaxgrity.model.scene import Scene
+
+STRONGEST = 1e9
+"""Limit of a cable's force in an MJCF file, N: no cable of a robot reaches it."""
+
+
+def add_members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str]:
+    """Tendons with springs, and with actuators where a gait moves them."""
+    tendons, actuators = add_element(root, "tendon"), add_element(root, "actuator")
+    structure, damped, stopped, held = plan.structure, False, 0, 0
+    size, beside, constant = amplitudes(scene.gait), _beside_cables(scene), list[dict[str, Any]]()
+    for name, members, first in structure.numbered:
+        kind = name.removesuffix("s")
+        for cord in cables_of(members.clusters, len(members.edges)):
+            k = min(cord)
+            if kind == "strut" and k in plan.rigid:
+                continue
+            assert members.stiffness is not None, "springs, by the plan"
+            K, L = _in_series(members.stiffness, cord), float(np.sum(members.rest_length[list(cord)]))
+            c = 0.0 if members.damping is None else _in_series(members.damping, cord)
+            band, damper, pull, slope = beside[k] if kind == "cable" else (0.0, 0.0, 0.0, 0.0)
+            ends = [max(L - band, 0.0), L]
+            name, driven = f"{kind}{k}", first + k in plan.actuated
+            # as they are read again: the damping of a tendon that never pushes is that of a taut cable
+            own = not K or (band < L and not driven)
+            both = c + damper if own else c
+            spring: dict[str, Any] = {"stiffness": K, "damping": both, "springlength": ends if band else L}
+            forced = bool(pull or slope) and not K
+            held += bool(K and slope and driven)
+            if (pull and K) or (forced and not driven):
+                constant.append(_pull(f"pull{k}", name, (pull, 0.0 if K else slope), L))
+            if driven and forced:
+                add_element(actuators, "general", **_pull(name, name, (pull, slope), L))
+            elif driven:
+                spring = {}
+                stopped += 0 < band < L
+                limits = {"forcelimited": "true", "forcerange": [-STRONGEST, 0.0]} if band else {}
+                most = sum(size.get(first + part, 0.0) * float(members.rest_length[part]) for part in cord)
+                reach = {"ctrllimited": "true", "ctrlrange": [-most, 0.0]} if most else {}
+                law = {"gainprm": K, "biastype": "affine", "biasprm": [K * L, -K, -c]}
+                add_element(actuators, "general", name=name, tendon=name, **law, **limits, **reach)
+            damped = damped or bool(spring and kind == "cable" and c)
+            nodes = nodes_along(tuple(members.edges[part] for part in cord))
+            _tendon(tendons, name, nodes, spring)
+            if damper and not own:
+                _tendon(tendons, f"damper{k}", nodes, {"damping": damper})
+    notes = ["cables are damped there while they are slack, too"] if damped else []
+    for force in constant:
+        add_element(actuators, "general", **force)
+    notes += [f"the pull of {held} springs beside their command does not change there"] if held else []
+    notes += [f"{stopped} cables that actuators move do not push beyond their dead bands there"] if stopped else []
+    moved = (
+        f"{len(plan.actuated)} actuators change rest lengths by their controls (m); the gait itself is no part of it"
+    )
+    return [*notes, *([moved] if plan.actuated else [])]
+
+
+def _pull(name: str, tendon: str, force: tuple[float, float], longest: float) -> dict[str, Any]:
+    """An actuator that pulls with P - s u at control u, m, from `force` P, N, and s, N/m."""
+    pull, slope = force
+    law = {"gainprm": slope, "biastype": "affine", "biasprm": [-pull, 0.0, 0.0]}
+    limits = {"forcelimited": "true", "forcerange": [-STRONGEST, 0.0]}
+    reach = {"ctrllimited": "true", "ctrlrange": [-longest, 0.0]} if slope else {}
+    return {"name": name, "tendon": tendon, **law, **limits, **reach}
+
+
+def _tendon(parent: ElementTree.Element, name: str, nodes: tuple[int, ...], law: dict[str, Any]) -> None:
+    tendon = add_element(parent, "spatial", name=name, **law)
+    for node in nodes:
+        add_element(tendon, "site", site=f"n{node}")
+
+
+def _beside_cables(scene: Scene) -> dict[int, tuple[float, float, float, float]]:
+    """Dead band, m, damper, N s/m, and commanded pull, N, and its slope, N/m, of each cable, by its first segment.
+
+    Without a dead band it never pushes.
+    """
+    cables = scene.structure.cables
+    if cables is None:
+        return {}
+    cords = cables_of(cables.clusters, len(cables.edges))
+    band, damper = np.full(len(cords), np.inf), np.zeros(len(cords))
+    for term in scene.terms:
+        if isinstance(term, DeadBand):
+            band = np.minimum(band, np.asarray(term.width, float))
+        elif isinstance(term, CableDampers):
+            damper = damper + np.asarray(term.damping, float)
+    return {
+        min(cord): each
+        for cord, each in zip(cords, zip(band.tolist(), damper.tolist(), *forced_cables(scene).T.tolist()))
+    }
+
+
+def _in_series(values: PerMember, cord: tuple[int, ...]) -> float:
+    """Of springs or dampers one after the other: 0 where one of them is."""
+    own = np.asarray(values, float)[list(cord)]
+    if len(own) == 1 or not np.all(own):
+        return float(np.min(own))
+    return float(1 / np.sum(1 / own))
