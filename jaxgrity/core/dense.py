@@ -65,8 +65,11 @@ def _derivative_of_inverse(matrices: tuple[AnyArray], changes: tuple[AnyArray]) 
 
 
 def inverse_of(matrix: AnyArray) -> AnyArray:
-    """The inverse of a symmetric positive definite matrix."""
+    """The inverse of a symmetric positive definite matrix, or of many side by side, (rows, rows, systems...)."""
     size = len(matrix)
+    if matrix.ndim > 2:
+        one = jnp.eye(size, dtype=matrix.dtype).reshape(size, size, *[1] * (matrix.ndim - 2))
+        return _solved_side_by_side(matrix, jnp.broadcast_to(one, matrix.shape))
     if size <= INVERTED_AT_ONCE:
         return _small_inverse(matrix)
     # the matrix is definite, so that halves need no pivots
@@ -80,10 +83,12 @@ def inverse_of(matrix: AnyArray) -> AnyArray:
 
 
 def solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
-    """x with matrix @ x = right, (rows,).
+    """x with matrix @ x = right, (rows,), or (rows, systems...) of many systems side by side.
 
     Pivots are chosen within blocks only; one round of refinement makes up for the lost accuracy.
     """
+    if right.ndim > 1:
+        return _solved_side_by_side(matrix, right[:, None])[:, 0]
     if len(matrix) <= SOLVED_AT_ONCE:
         solve = lambda _, b: _lapack_solution(matrix, b)  # noqa: E731
         transposed = lambda _, b: _lapack_solution(matrix.T, b)  # noqa: E731
@@ -91,6 +96,45 @@ def solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
     eliminated = _eliminated(matrix)
     x = _substituted(eliminated, right)
     return x + _substituted(eliminated, right - matrix @ x)
+
+
+def _solved_side_by_side(matrices: AnyArray, rights: AnyArray) -> AnyArray:
+    """x, (rows, columns, systems...), with matrices @ x = rights: Crout's elimination with the pivots of LAPACK.
+
+    Rows stay in their places: weights, 1 for the pivot's row and 0 for others, pick it in each system. Quotients keep
+    XLA from computing anew for each use what is used often.
+    """
+    size, dtype = len(matrices), matrices.dtype
+    numbers = jnp.arange(size, dtype=dtype).reshape(size, *[1] * (matrices.ndim - 2))
+
+    def column(k, carry):
+        rest, left, upper = carry
+        factors = left * rest[:, k]
+        largest, chosen, pivot = -jnp.ones_like(factors[0]), jnp.zeros_like(factors[0]), jnp.zeros_like(factors[0])
+        for row in range(size):
+            bound = jnp.where(left[row] > 0, jnp.abs(factors[row]), -1)
+            more = ~(bound <= largest)
+            largest, chosen = jnp.where(more, bound, largest), jnp.where(more, row, chosen)
+            pivot = jnp.where(more, factors[row], pivot)
+        at = _kept((numbers == _kept(chosen)).astype(dtype))
+        own = sum(at[row] * rest[row] for row in range(size)) / _kept(pivot)
+        left = left * (1 - at)
+        return rest - _kept(left * factors)[:, None] * own, left, upper.at[k].set(own)
+
+    both = jnp.concatenate([matrices, rights], axis=1)
+    upper = jax.lax.fori_loop(0, size, column, (both, jnp.ones_like(rights[:, 0]), both))[2]
+    rows = jnp.arange(size).reshape(size, *[1] * (matrices.ndim - 1))
+
+    def substituted(j, x):
+        k = size - 1 - j
+        return x - jnp.where(rows < k, upper[:, k][:, None] * x[k], 0)
+
+    return jax.lax.fori_loop(0, size - 1, substituted, upper[:, size:])
+
+
+def _kept(x: AnyArray) -> AnyArray:
+    """x, divided by a 1 unknown to XLA."""
+    return x / (x == x).astype(x.dtype)
 
 
 def least_solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
