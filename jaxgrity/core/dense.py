@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
+from jaxgrity.core.side_by_side import kept
 from jaxgrity.core.types import AnyArray
 
 BLOCK = 24
@@ -101,40 +102,41 @@ def solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
 def _solved_side_by_side(matrices: AnyArray, rights: AnyArray) -> AnyArray:
     """x, (rows, columns, systems...), with matrices @ x = rights: Crout's elimination with the pivots of LAPACK.
 
-    Rows stay in their places: weights, 1 for the pivot's row and 0 for others, pick it in each system. Quotients keep
-    XLA from computing anew for each use what is used often.
+    Rows stay in their places: weights, 1 for the pivot's row and 0 for others, pick it in each system. Quotients, and
+    rows that are taken off in the next turn of the loop, keep XLA from computing anew for each use what is used often.
     """
     size, dtype = len(matrices), matrices.dtype
-    numbers = jnp.arange(size, dtype=dtype).reshape(size, *[1] * (matrices.ndim - 2))
+    numbers = jnp.arange(size).reshape(size, *[1] * (matrices.ndim - 2))
 
-    def column(k, carry):
-        rest, left, upper = carry
+    def column(carry, k):
+        rest, left, factors, own = carry
+        rest = rest - factors[:, None] * own
         factors = left * rest[:, k]
-        largest, chosen, pivot = -jnp.ones_like(factors[0]), jnp.zeros_like(factors[0]), jnp.zeros_like(factors[0])
-        for row in range(size):
-            bound = jnp.where(left[row] > 0, jnp.abs(factors[row]), -1)
-            more = ~(bound <= largest)
-            largest, chosen = jnp.where(more, bound, largest), jnp.where(more, row, chosen)
-            pivot = jnp.where(more, factors[row], pivot)
-        at = _kept((numbers == _kept(chosen)).astype(dtype))
-        own = sum(at[row] * rest[row] for row in range(size)) / _kept(pivot)
+        chosen, pivot = _largest(jnp.where(left > 0, jnp.abs(factors), -1), factors)
+        at = kept((numbers == chosen).astype(dtype))
+        own = sum(at[row] * rest[row] for row in range(size)) / pivot
         left = left * (1 - at)
-        return rest - _kept(left * factors)[:, None] * own, left, upper.at[k].set(own)
+        return (rest, left, left * factors, own), own
 
     both = jnp.concatenate([matrices, rights], axis=1)
-    upper = jax.lax.fori_loop(0, size, column, (both, jnp.ones_like(rights[:, 0]), both))[2]
-    rows = jnp.arange(size).reshape(size, *[1] * (matrices.ndim - 1))
+    start = both, jnp.ones_like(rights[:, 0]), jnp.zeros_like(rights[:, 0]), jnp.zeros_like(both[0])
+    upper = jax.lax.scan(column, start, jnp.arange(size))[1]
 
     def substituted(j, x):
         k = size - 1 - j
-        return x - jnp.where(rows < k, upper[:, k][:, None] * x[k], 0)
+        return x - jnp.where(numbers[:, None] < k, upper[:, k][:, None] * x[k], 0)
 
     return jax.lax.fori_loop(0, size - 1, substituted, upper[:, size:])
 
 
-def _kept(x: AnyArray) -> AnyArray:
-    """x, divided by a 1 unknown to XLA."""
-    return x / (x == x).astype(x.dtype)
+def _largest(sizes: AnyArray, values: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """The number of the row, the first of equals, with the largest size in each system, and its value."""
+    largest, chosen, value = sizes[0], jnp.zeros_like(sizes[0]), values[0]
+    for row in range(1, len(sizes)):
+        more = sizes[row] > largest
+        largest, chosen = jnp.where(more, sizes[row], largest), jnp.where(more, row, chosen)
+        value = jnp.where(more, values[row], value)
+    return kept(chosen), kept(value)
 
 
 def least_solution(matrix: AnyArray, right: AnyArray) -> AnyArray:

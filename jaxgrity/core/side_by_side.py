@@ -28,7 +28,7 @@ def contracted(axes: str, a: AnyArray, b: AnyArray) -> AnyArray:
     if np.prod([len(each) for each in ranges]) > WRITTEN_OUT:
         return jnp.einsum(f"{of_a}...,{of_b}...->{out}...", a, b)
     terms = (dict(zip(summed, numbers)) for numbers in itertools.product(*ranges))
-    return sum(_at(a, of_a, out, term) * _at(b, of_b, out, term) for term in terms)
+    return kept(sum(_at(a, of_a, out, term) * _at(b, of_b, out, term) for term in terms))
 
 
 def _at(x: AnyArray, axes: str, out: str, term: dict[str, int]) -> AnyArray:
@@ -40,6 +40,11 @@ def _at(x: AnyArray, axes: str, out: str, term: dict[str, int]) -> AnyArray:
     return jnp.expand_dims(x, [k for k, axis in enumerate(out) if axis not in kept])
 
 
+def kept(x: AnyArray) -> AnyArray:
+    """x, divided by a 1 unknown to XLA, which keeps quotients, and computes sums of products anew for each use."""
+    return x / (x == x).astype(x.dtype)
+
+
 def applied(matrix: AnyArray, x: AnyArray) -> AnyArray:
     """matrix @ x, where `x`, of any shape, is read as one vector; of one system or many."""
     return contracted("ij,j->i", matrix, x.reshape(matrix.shape[1:])).reshape(x.shape)
@@ -48,6 +53,13 @@ def applied(matrix: AnyArray, x: AnyArray) -> AnyArray:
 def for_many(constant: Any, like: AnyArray) -> AnyArray:
     """A constant of one system, of the type of `like`, (systems...), as one of many."""
     return jnp.asarray(constant, like.dtype).reshape(*np.shape(constant), *[1] * like.ndim)
+
+
+def where_needed(needed: AnyArray, compute: Callable, otherwise: Any) -> Any:
+    """`compute()` in the systems that need it, `otherwise` in others; not computed where none needs it."""
+    # a loop, since a condition under `jax.vmap` computes both
+    once = lambda state: (jnp.zeros_like(needed), compute())  # noqa: E731
+    return repeated(lambda state: state[0], once, (needed, otherwise))[1]
 
 
 def repeated(unmet: Callable, step: Callable, state: Any) -> Any:

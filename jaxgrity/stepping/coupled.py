@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.dense import least_solution
-from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated
+from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated, where_needed
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.stepping.coupled_contacts import NORMAL, ContactProblem, as_impulses, solve_contacts
 from jaxgrity.stepping.coupled_problem import (
@@ -196,8 +196,8 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
     def attempt(state):
         """Rounds with one choice of directions: many with those at the start, each with its own thereafter."""
         count, found, _ = state
-        anew = lambda _: (0 > count, eliminated(problem, root_mass, strut_directions(problem, found.velocity)))  # noqa: E731
-        parts = repeated(lambda state: state[0], anew, (count > 0, first))[1]
+        later = lambda: eliminated(problem, root_mass, strut_directions(problem, found.velocity))  # noqa: E731
+        parts = where_needed(count > 0, later, first)
         most = jnp.where(count == 0, TURNING, 1)
 
         def unmet(inner):

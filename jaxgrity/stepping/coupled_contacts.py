@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.dense import inverse_of, solution
-from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated
+from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated, where_needed
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar
 from jaxgrity.stepping.blocks import Components
 from jaxgrity.stepping.ground_response import Contact, ground_impulse
@@ -126,6 +126,10 @@ def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
     def error(z):
         return jnp.max(jnp.abs(missed(problem, z)) / problem.root_mass[:, None], axis=(0, 1))
 
+    def rest(z):
+        left = missed(problem, z)
+        return contracted("na,na->", left, left)
+
     def going(state):
         best, _, count = state
         return (best.error > problem.tolerance) & (count < NEWTON)
@@ -138,13 +142,18 @@ def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
         blocks = (each[:, None, :, None] * slope[:, :, None]).reshape(size, size, *many)
         # where a node sticks P' = 1, and of its rows G alone is left, which may be singular: hence the ridge
         change = -solution(one - (1 - ridge) * blocks + through, left.reshape(size, *many)).reshape(z.shape)
-        tries = z + change * lengths
-        rests = jax.vmap(lambda z: jnp.sum(missed(problem, z) ** 2, axis=(0, 1)))(tries)
-        # at a corner of P no step leaves less: the whole one often leads past it
-        z, least = tries[0], jnp.sum(left**2, axis=(0, 1))
-        for tried, rest in zip(tries, rests):
-            z, least = jnp.where(rest < least, tried, z), jnp.where(rest < least, rest, least)
-        now = Solved(z, error(z))
+        whole = Solved(z + change, error(z + change))
+
+        def shorter():
+            tries, least = z + change * lengths, rest(z)
+            # at a corner of P no step leaves less: the whole one often leads past it
+            best = tries[0]
+            for tried, more in zip(tries, jax.vmap(rest)(tries)):
+                best, least = jnp.where(more < least, tried, best), jnp.where(more < least, more, least)
+            return Solved(best, error(best))
+
+        now = where_needed(~(whole.error <= problem.tolerance), shorter, whole)
+        z = now.trial
         return jax.tree.map(lambda new, old: jnp.where(now.error < best.error, new, old), now, best), z, count + 1
 
     none = jnp.zeros(many, int)
