@@ -22,10 +22,11 @@ def contracted(axes: str, a: AnyArray, b: AnyArray) -> AnyArray:
     """The sum of products that `axes` names as `jnp.einsum` does, for instance "ij,j->i", of one system or many."""
     (of_a, of_b), out = axes.split("->")[0].split(","), axes.split("->")[1]
     if a.ndim == len(of_a):
-        return jnp.einsum(axes, a, b)
+        # a sum of all products is part of XLA's loop around it, where einsum's would be a call
+        return jnp.einsum(axes, a, b) if out else jnp.sum(a * b)
     summed = "".join(axis for axis in of_a if axis not in out)
     ranges = [range(a.shape[of_a.index(axis)]) for axis in summed]
-    if np.prod([len(each) for each in ranges]) > WRITTEN_OUT:
+    if not 0 < np.prod([len(each) for each in ranges]) <= WRITTEN_OUT:
         return jnp.einsum(f"{of_a}...,{of_b}...->{out}...", a, b)
     terms = (dict(zip(summed, numbers)) for numbers in itertools.product(*ranges))
     return kept(sum(_at(a, of_a, out, term) * _at(b, of_b, out, term) for term in terms))
@@ -34,10 +35,10 @@ def contracted(axes: str, a: AnyArray, b: AnyArray) -> AnyArray:
 def _at(x: AnyArray, axes: str, out: str, term: dict[str, int]) -> AnyArray:
     """The entries of `x` in one term of a sum, with an axis for each of `out`."""
     x = x[tuple(term.get(axis, slice(None)) for axis in axes)]
-    kept = [axis for axis in axes if axis not in term]
-    order = sorted(range(len(kept)), key=lambda k: out.index(kept[k]))
-    x = x.transpose(*order, *range(len(kept), x.ndim))
-    return jnp.expand_dims(x, [k for k, axis in enumerate(out) if axis not in kept])
+    left = [axis for axis in axes if axis not in term]
+    order = sorted(range(len(left)), key=lambda k: out.index(left[k]))
+    x = x.transpose(*order, *range(len(left), x.ndim))
+    return jnp.expand_dims(x, [k for k, axis in enumerate(out) if axis not in left])
 
 
 def kept(x: AnyArray) -> AnyArray:

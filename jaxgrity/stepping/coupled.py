@@ -48,8 +48,9 @@ TURNING = 20
 """Most rounds in a step that use the struts' directions at its start."""
 PROJECTIONS = 40
 """Most rounds after those, each with the struts' directions at the end of the step as it was found before."""
-FEW_CONTACTS = 4
-"""Most contacts of problems that are solved side by side on a CPU."""
+FEW = 4
+"""Most contacts, and most nodes, of problems that a CPU solves side by side. LAPACK is faster at larger systems
+(measured)."""
 STEEPEST = 0.2
 """Smallest cosine of the angle between a strut's directions at the start and at the end of a step (here 78 degrees). Of
 a strut that turns more, an impulse along its first direction changes the length too little."""
@@ -98,8 +99,8 @@ def solve_step(problem: Coupled, guess: AnyArray, near: AnyArray, side_by_side: 
     complete: Callable = jax.vmap(_complete) if side_by_side else _complete
     search: Callable = jax.vmap(_search) if side_by_side else _search
     if jax.default_backend() == "cpu":
-        if guess.shape[-2] > FEW_CONTACTS or problem.sliding is not None:
-            # one robot after the other: side by side all of them iterate until the last one is done
+        if max(guess.shape[-2], near.shape[-2]) > FEW or problem.sliding is not None:
+            # one robot after the other: side by side all iterate until the last is done, which costs more here
             search = jax.custom_batching.sequential_vmap(search)
         else:
             search = _search_many if side_by_side else _search_one
@@ -191,6 +192,8 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
     start = _Found(nothing, nothing[:, 0], trial, near, infinite, infinite, jnp.ones(many, dtype))
     if problem.apart is None:
         return _round(problem, root_mass, first, start), first.units, root_mass
+    # a robot that has failed, whose numbers are not finite, must not keep those beside it waiting
+    alive = jnp.isfinite(jnp.sum(problem.start, axis=(0, 1)))
     fine, close = (jnp.finfo(dtype).eps ** power for power in (0.75, 0.5))
 
     def attempt(state):
@@ -213,7 +216,7 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
     # projections lose energy: what the first directions bring `close` is taken as it is
     def unmet(state):
         count, found, _ = state
-        return (found.stretch > jnp.where(count == 1, close, fine)) & (count <= PROJECTIONS)
+        return (found.stretch > jnp.where(count == 1, close, fine)) & (count <= PROJECTIONS) & alive
 
     _, found, u = repeated(unmet, attempt, (none, start, first.units))
     return found, u, root_mass

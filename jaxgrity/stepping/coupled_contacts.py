@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.dense import inverse_of, solution
-from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated, where_needed
+from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar
 from jaxgrity.stepping.blocks import Components
 from jaxgrity.stepping.ground_response import Contact, ground_impulse
@@ -142,18 +142,13 @@ def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
         blocks = (each[:, None, :, None] * slope[:, :, None]).reshape(size, size, *many)
         # where a node sticks P' = 1, and of its rows G alone is left, which may be singular: hence the ridge
         change = -solution(one - (1 - ridge) * blocks + through, left.reshape(size, *many)).reshape(z.shape)
-        whole = Solved(z + change, error(z + change))
-
-        def shorter():
-            tries, least = z + change * lengths, rest(z)
-            # at a corner of P no step leaves less: the whole one often leads past it
-            best = tries[0]
-            for tried, more in zip(tries, jax.vmap(rest)(tries)):
-                best, least = jnp.where(more < least, tried, best), jnp.where(more < least, more, least)
-            return Solved(best, error(best))
-
-        now = where_needed(~(whole.error <= problem.tolerance), shorter, whole)
-        z = now.trial
+        tries = z + change * lengths
+        rests = jax.vmap(rest)(tries)
+        # at a corner of P no step leaves less: the whole one often leads past it
+        least, z = rest(z), tries[0]
+        for tried, more in zip(tries, rests):
+            z, least = jnp.where(more < least, tried, z), jnp.where(more < least, more, least)
+        now = Solved(z, error(z))
         return jax.tree.map(lambda new, old: jnp.where(now.error < best.error, new, old), now, best), z, count + 1
 
     none = jnp.zeros(many, int)
