@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
 
+from jaxgrity.core.side_by_side import kept
 from jaxgrity.core.types import AnyArray
 
 BLOCK = 24
@@ -65,8 +66,11 @@ def _derivative_of_inverse(matrices: tuple[AnyArray], changes: tuple[AnyArray]) 
 
 
 def inverse_of(matrix: AnyArray) -> AnyArray:
-    """The inverse of a symmetric positive definite matrix."""
+    """The inverse of a symmetric positive definite matrix, or of many side by side, (rows, rows, systems...)."""
     size = len(matrix)
+    if matrix.ndim > 2:
+        one = jnp.eye(size, dtype=matrix.dtype).reshape(size, size, *[1] * (matrix.ndim - 2))
+        return _solved_side_by_side(matrix, jnp.broadcast_to(one, matrix.shape))
     if size <= INVERTED_AT_ONCE:
         return _small_inverse(matrix)
     # the matrix is definite, so that halves need no pivots
@@ -80,10 +84,12 @@ def inverse_of(matrix: AnyArray) -> AnyArray:
 
 
 def solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
-    """x with matrix @ x = right, (rows,).
+    """x with matrix @ x = right, (rows,), or (rows, systems...) of many systems side by side.
 
     Pivots are chosen within blocks only; one round of refinement makes up for the lost accuracy.
     """
+    if right.ndim > 1:
+        return _solved_side_by_side(matrix, right[:, None])[:, 0]
     if len(matrix) <= SOLVED_AT_ONCE:
         solve = lambda _, b: _lapack_solution(matrix, b)  # noqa: E731
         transposed = lambda _, b: _lapack_solution(matrix.T, b)  # noqa: E731
@@ -91,6 +97,46 @@ def solution(matrix: AnyArray, right: AnyArray) -> AnyArray:
     eliminated = _eliminated(matrix)
     x = _substituted(eliminated, right)
     return x + _substituted(eliminated, right - matrix @ x)
+
+
+def _solved_side_by_side(matrices: AnyArray, rights: AnyArray) -> AnyArray:
+    """x, (rows, columns, systems...), with matrices @ x = rights: Crout's elimination with the pivots of LAPACK.
+
+    Rows stay in their places: weights, 1 for the pivot's row and 0 for others, pick it in each system. Quotients, and
+    rows that are taken off in the next turn of the loop, keep XLA from computing anew for each use what is used often.
+    """
+    size, dtype = len(matrices), matrices.dtype
+    numbers = jnp.arange(size).reshape(size, *[1] * (matrices.ndim - 2))
+
+    def column(carry, k):
+        rest, left, factors, own = carry
+        rest = rest - factors[:, None] * own
+        factors = left * rest[:, k]
+        chosen, pivot = _largest(jnp.where(left > 0, jnp.abs(factors), -1), factors)
+        at = kept((numbers == chosen).astype(dtype))
+        own = sum(at[row] * rest[row] for row in range(size)) / pivot
+        left = left * (1 - at)
+        return (rest, left, left * factors, own), own
+
+    both = jnp.concatenate([matrices, rights], axis=1)
+    start = both, jnp.ones_like(rights[:, 0]), jnp.zeros_like(rights[:, 0]), jnp.zeros_like(both[0])
+    upper = jax.lax.scan(column, start, jnp.arange(size))[1]
+
+    def substituted(j, x):
+        k = size - 1 - j
+        return x - jnp.where(numbers[:, None] < k, upper[:, k][:, None] * x[k], 0)
+
+    return jax.lax.fori_loop(0, size - 1, substituted, upper[:, size:])
+
+
+def _largest(sizes: AnyArray, values: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """The number of the row, the first of equals, with the largest size in each system, and its value."""
+    largest, chosen, value = sizes[0], jnp.zeros_like(sizes[0]), values[0]
+    for row in range(1, len(sizes)):
+        more = sizes[row] > largest
+        largest, chosen = jnp.where(more, sizes[row], largest), jnp.where(more, row, chosen)
+        value = jnp.where(more, values[row], value)
+    return kept(chosen), kept(value)
 
 
 def least_solution(matrix: AnyArray, right: AnyArray) -> AnyArray:

@@ -17,15 +17,17 @@ Derivatives are those of the solution (implicit function theorem), in forward an
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.flatten_util
 import jax.numpy as jnp
+import numpy as np
 
 from jaxgrity.core.dense import least_solution
+from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated, where_needed
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
-from jaxgrity.stepping.coupled_contacts import ContactProblem, as_impulses, solve_contacts
+from jaxgrity.stepping.coupled_contacts import NORMAL, ContactProblem, as_impulses, solve_contacts
 from jaxgrity.stepping.coupled_problem import (
     Coupled,
     Elimination,
@@ -35,7 +37,6 @@ from jaxgrity.stepping.coupled_problem import (
     from_frames,
     in_frames,
     lengths_after,
-    moved,
     rate_to_length,
     response,
     scaled,
@@ -47,6 +48,9 @@ TURNING = 20
 """Most rounds in a step that use the struts' directions at its start."""
 PROJECTIONS = 40
 """Most rounds after those, each with the struts' directions at the end of the step as it was found before."""
+FEW = 4
+"""Most contacts, and most nodes, of problems that a CPU solves side by side. LAPACK is faster at larger systems
+(measured)."""
 STEEPEST = 0.2
 """Smallest cosine of the angle between a strut's directions at the start and at the end of a step (here 78 degrees). Of
 a strut that turns more, an impulse along its first direction changes the length too little."""
@@ -92,12 +96,47 @@ def solve_step(problem: Coupled, guess: AnyArray, near: AnyArray, side_by_side: 
 
     Without a solution, the nearest ones, with their error.
     """
-    search: Callable = jax.vmap(_search) if side_by_side else _search
     complete: Callable = jax.vmap(_complete) if side_by_side else _complete
-    # On a CPU robots are solved one after the other: side by side all of them iterate until the last one is done.
-    search = jax.custom_batching.sequential_vmap(search) if jax.default_backend() == "cpu" else search
+    search: Callable = jax.vmap(_search) if side_by_side else _search
+    if jax.default_backend() == "cpu":
+        if max(guess.shape[-2], near.shape[-2]) > FEW or problem.sliding is not None:
+            # one robot after the other: side by side all iterate until the last is done, which costs more here
+            search = jax.custom_batching.sequential_vmap(search)
+        else:
+            search = _search_many if side_by_side else _search_one
     # the search is not differentiated: `custom_root` takes the derivative at what it finds
     return complete(problem, *search(*jax.lax.stop_gradient((problem, guess, near))))
+
+
+@jax.custom_batching.custom_vmap
+def _search_one(*problem):
+    return _search(*problem)
+
+
+@jax.custom_batching.custom_vmap
+def _search_many(*problems):
+    """`_search` of each row of all arrays, in vectors over the rows."""
+    found = _search(*jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), problems))
+    return jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), found)
+
+
+@_search_one.def_vmap
+def _search_robots(count: int, batched: Any, *problem):
+    found = _search_many(*_rows(count, batched, problem))
+    return found, jax.tree.map(lambda _: True, found)
+
+
+@_search_many.def_vmap
+def _search_parts_of_robots(count: int, batched: Any, *problems):
+    rows = _rows(count, batched, problems)
+    parts = len(problems[-1][0]) if batched[-1] else len(problems[-1])
+    found = _search_many(*jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), rows))
+    return jax.tree.map(lambda x: x.reshape(count, parts, *x.shape[1:]), found), jax.tree.map(lambda _: True, found)
+
+
+def _rows(count: int, batched: Any, arrays: Any):
+    """The arrays with a first axis, (count, ...), those of one robot as often as there are robots."""
+    return jax.tree.map(lambda many, x: x if many else jnp.broadcast_to(x, (count, *x.shape)), tuple(batched), arrays)
 
 
 def _complete(problem: Coupled, found: "_Found", u: MemberVectors, root_mass: PerNode) -> Impulses:
@@ -132,33 +171,36 @@ def _complete(problem: Coupled, found: "_Found", u: MemberVectors, root_mass: Pe
 
 def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Found, MemberVectors, AnyArray]:
     """The solution, the struts' directions u of the last round, and the roots of the masses that scale each contact."""
-    dtype, nodes = problem.start.dtype, len(problem.start)
+    (nodes, _, *many), dtype = problem.start.shape, problem.start.dtype
     free = response(problem, strut_directions(problem))[2]
     # scaled by what each node answers while struts keep their lengths, feet of a gramme and hulls of a kilogramme are
     # alike to Newton's method; a node that cannot move answers nothing, and gets a floor
     if problem.reach is not None:
-        D = problem.reach.reshape(-1, problem.start.size)
-        own = jnp.sum((D @ free) * D, axis=1).reshape(-1, 3).mean(1)
+        D = problem.reach.reshape(-1, *problem.A.shape[1:])
+        own = jnp.sum(contracted("ik,kl->il", D, free) * D, axis=1).reshape(-1, 3, *many).mean(1)
     else:
-        own = jnp.trace(free.reshape(nodes, 3, nodes, 3).diagonal(axis1=0, axis2=2)) / 3
-    root_mass = 1 / jnp.sqrt(jnp.maximum(own, 1e-9 * jnp.maximum(own.max(initial=0), jnp.finfo(dtype).tiny)))
+        every = np.arange(3 * nodes)
+        own = free[every, every].reshape(nodes, 3, *many).sum(1) / 3
+    root_mass = 1 / jnp.sqrt(jnp.maximum(own, 1e-9 * jnp.maximum(own.max(axis=0, initial=0), jnp.finfo(dtype).tiny)))
     first = eliminated(problem, root_mass, strut_directions(problem))
     nothing = jnp.zeros_like(first.units)
-    infinite = jnp.array(jnp.inf, dtype)
+    infinite, none = jnp.full(many, jnp.inf, dtype), jnp.zeros(many, int)
     trial = guess / root_mass[:, None]
     if problem.contact is not None:
         # so that P(z) are the impulses of the last step: at rest they are those of this one
-        trial = trial - (problem.contact.closing * root_mass)[:, None] * jnp.eye(3, dtype=dtype)[0]
-    start = _Found(nothing, nothing[:, 0], trial, near, infinite, infinite, jnp.ones((), dtype))
+        trial = trial - (problem.contact.closing * root_mass)[:, None] * for_many(NORMAL, infinite)
+    start = _Found(nothing, nothing[:, 0], trial, near, infinite, infinite, jnp.ones(many, dtype))
     if problem.apart is None:
         return _round(problem, root_mass, first, start), first.units, root_mass
+    # a robot that has failed, whose numbers are not finite, must not keep those beside it waiting
+    alive = jnp.isfinite(jnp.sum(problem.start, axis=(0, 1)))
     fine, close = (jnp.finfo(dtype).eps ** power for power in (0.75, 0.5))
 
     def attempt(state):
         """Rounds with one choice of directions: many with those at the start, each with its own thereafter."""
         count, found, _ = state
         later = lambda: eliminated(problem, root_mass, strut_directions(problem, found.velocity))  # noqa: E731
-        parts = jax.lax.cond(count == 0, lambda: first, later)
+        parts = where_needed(count > 0, later, first)
         most = jnp.where(count == 0, TURNING, 1)
 
         def unmet(inner):
@@ -166,8 +208,7 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
             return (inner[1].stretch > fine) & (inner[0] < most) & ~turned
 
         begun = found._replace(pulls=0 * found.pulls, stretch=infinite)
-        inner = (0, begun)
-        found = jax.lax.while_loop(unmet, lambda s: (s[0] + 1, _round(problem, root_mass, parts, s[1])), inner)[1]
+        found = repeated(unmet, lambda s: (s[0] + 1, _round(problem, root_mass, parts, s[1])), (none, begun))[1]
         # where the first directions led nowhere, projections begin anew, from the velocities `near`
         lost = (count == 0) & ~((found.stretch <= close) & (found.along > STEEPEST))
         return count + 1, jax.tree.map(lambda a, b: jnp.where(lost, a, b), start, found), parts.units
@@ -175,9 +216,9 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
     # projections lose energy: what the first directions bring `close` is taken as it is
     def unmet(state):
         count, found, _ = state
-        return (found.stretch > jnp.where(count == 1, close, fine)) & (count <= PROJECTIONS)
+        return (found.stretch > jnp.where(count == 1, close, fine)) & (count <= PROJECTIONS) & alive
 
-    _, found, u = jax.lax.while_loop(unmet, attempt, (0, start, first.units))
+    _, found, u = repeated(unmet, attempt, (none, start, first.units))
     return found, u, root_mass
 
 
@@ -187,8 +228,10 @@ def _round(problem: Coupled, root_mass: PerMember, parts: Elimination, found: _F
     base: NodeVectors = acted
     wanted: PerMember = jnp.zeros_like(found.pulls)
     if problem.apart is not None:
-        wanted = rate_to_length(problem, parts.units, w) + parts.J @ (w - acted).ravel()
-        base = acted + moved(problem.A, (parts.J.T @ (parts.inverse @ wanted)).reshape(w.shape))
+        rates = contracted("sk,k->s", parts.J, (w - acted).reshape(parts.J.shape[1:]))
+        wanted = rate_to_length(problem, parts.units, w) + rates
+        pulled = contracted("sk,s->k", parts.J, contracted("st,t->s", parts.inverse, wanted))
+        base = acted + applied(problem.A, pulled.reshape(w.shape))
     scale = root_mass[:, None]
     b = scale * in_frames(problem, base)
     z: MemberVectors = -b
@@ -197,19 +240,20 @@ def _round(problem: Coupled, root_mass: PerMember, parts: Elimination, found: _F
         tolerance, enough = (jnp.finfo(b.dtype).eps ** power * problem.speed for power in (0.75, 0.6))
         contact = scaled(problem.contact, root_mass)
         start = as_impulses(contact, found.trial)
-        start = start - b - (parts.G @ start.ravel()).reshape(b.shape)
+        start = start - b - applied(parts.G, start)
         z, error = solve_contacts(ContactProblem(parts.G, b, contact, root_mass, tolerance, enough), start)
     w, p = contact_of(problem, root_mass, z)
     f, pulls = found.struts, found.pulls
     if problem.reach is not None:
-        w = base + moved(problem.A, from_frames(problem, p))
+        w = base + applied(problem.A, from_frames(problem, p))
     stretch: Scalar = jnp.zeros_like(error)
     along = jnp.ones_like(error)
     if problem.apart is not None:
-        more = parts.inverse @ (wanted - parts.J @ moved(problem.A, from_frames(problem, p)).ravel())
+        reached = applied(problem.A, from_frames(problem, p)).reshape(parts.J.shape[1:])
+        more = contracted("st,t->s", parts.inverse, wanted - contracted("sk,k->s", parts.J, reached))
         f, pulls = f + parts.units * more[:, None], pulls + more
         if problem.reach is not None:
             w = acted_on(problem, f, p)
         stretch = stretch_after(problem, w)
-        along = jnp.min(jnp.sum(strut_directions(problem, w) * strut_directions(problem), axis=1))
+        along = jnp.min(jnp.sum(strut_directions(problem, w) * strut_directions(problem), axis=1), axis=0)
     return _Found(f, pulls, z, w, error, stretch, along)

@@ -18,12 +18,16 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxgrity.core.dense import inverse_of, solution
+from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar
 from jaxgrity.stepping.blocks import Components
 from jaxgrity.stepping.ground_response import Contact, ground_impulse
 
+NORMAL = (1.0, 0.0, 0.0)
+"""The direction of the normal in components along normal and tangents."""
 NEWTON = 12
 """Most iterations of Newton's method in a row, before the other method takes over."""
 SPLITTINGS = 50
@@ -75,14 +79,14 @@ def as_impulses(contact: Contact, z: NodeVectors) -> NodeVectors:
 def missed(problem: ContactProblem, z: NodeVectors) -> NodeVectors:
     """H(z)."""
     p = as_impulses(problem.contact, z)
-    return z - p + problem.b + (problem.G @ p.ravel()).reshape(z.shape)
+    return z - p + problem.b + applied(problem.G, p)
 
 
 def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
     """Trial impulses near `start` that solve the problem; without a solution the best, with their error."""
-    infinite = jnp.array(jnp.inf, start.dtype)
+    infinite = jnp.full(start.shape[2:], jnp.inf, start.dtype)
     p = as_impulses(problem.contact, start)
-    splitting = _Splitting(p, 0 * p, jnp.ones((), start.dtype))
+    splitting = _Splitting(p, 0 * p, jnp.ones_like(infinite))
 
     def unsolved(state):
         best, _, count = state
@@ -96,28 +100,35 @@ def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
         # loops, for what is done in some rounds alone: a condition would do it in all, in a population
         splitting = _repeat(count == 1, 1, lambda s: _prepared(problem, s), splitting)
         splitting = _repeat(count > 0, SPLITTINGS // PENALTY_KEPT, lambda s: _split(problem, s), splitting)
-        near = splitting.impulse - problem.b - (problem.G @ splitting.impulse.ravel()).reshape(start.shape)
+        near = splitting.impulse - problem.b - applied(problem.G, splitting.impulse)
         found = _newton(problem, jnp.where(count == 0, start, near))
         # neither method comes nearer in every round
         better = found.error < best.error
         best = jax.tree.map(lambda new, old: jnp.where(better, new, old), found, best)
         return best, splitting, count + 1
 
-    return jax.lax.while_loop(unsolved, again, (Solved(start, infinite), splitting, 0))[0]
+    none = jnp.zeros(infinite.shape, int)
+    return repeated(unsolved, again, (Solved(start, infinite), splitting, none))[0]
 
 
 def _repeat(whether: AnyArray, times: int, step: Callable, state: "_Splitting") -> "_Splitting":
     last = jnp.where(whether, times, 0)
-    return jax.lax.while_loop(lambda c: c[0] < last, lambda c: (c[0] + 1, step(c[1])), (0, state))[1]
+    return repeated(lambda c: c[0] < last, lambda c: (c[0] + 1, step(c[1])), (0 * last, state))[1]
 
 
 def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
     """Newton's method on H, each step with the length of least |H|; the best of all points."""
-    size, one = start.size, jnp.eye(start.size, dtype=start.dtype)
+    (nodes, _, *many), size = start.shape, 3 * len(start)
+    one, each = for_many(np.eye(size), start[0, 0]), for_many(np.eye(nodes), start[0, 0])
+    lengths = for_many(0.5 ** np.arange(HALVINGS), start)
     ridge = jnp.finfo(start.dtype).eps ** RIDGE
 
     def error(z):
-        return jnp.max(jnp.abs(missed(problem, z)) / problem.root_mass[:, None])
+        return jnp.max(jnp.abs(missed(problem, z)) / problem.root_mass[:, None], axis=(0, 1))
+
+    def rest(z):
+        left = missed(problem, z)
+        return contracted("na,na->", left, left)
 
     def going(state):
         best, _, count = state
@@ -127,26 +138,28 @@ def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
         best, z, count = state
         left = missed(problem, z)
         slope = _slope(problem.contact, z)
-        through = jnp.einsum("inb,nbc->inc", problem.G.reshape(size, -1, 3), slope).reshape(size, size)
-        blocks = jnp.einsum("nm,nbc->nbmc", jnp.eye(len(z), dtype=z.dtype), slope).reshape(size, size)
+        through = contracted("inb,nbc->inc", problem.G.reshape(size, nodes, 3, *many), slope).reshape(size, size, *many)
+        blocks = (each[:, None, :, None] * slope[:, :, None]).reshape(size, size, *many)
         # where a node sticks P' = 1, and of its rows G alone is left, which may be singular: hence the ridge
-        change = -solution(one - (1 - ridge) * blocks + through, left.ravel()).reshape(z.shape)
-        tries = z + change * (0.5 ** jnp.arange(HALVINGS, dtype=z.dtype))[:, None, None]
-        rests = jax.vmap(lambda z: jnp.sum(missed(problem, z) ** 2))(tries)
-        shortest = jnp.nanargmin(jnp.where(jnp.isfinite(rests), rests, jnp.inf))
+        change = -solution(one - (1 - ridge) * blocks + through, left.reshape(size, *many)).reshape(z.shape)
+        tries = z + change * lengths
+        rests = jax.vmap(rest)(tries)
         # at a corner of P no step leaves less: the whole one often leads past it
-        z = jnp.where(rests[shortest] < jnp.sum(left**2), tries[shortest], tries[0])
+        least, z = rest(z), tries[0]
+        for tried, more in zip(tries, rests):
+            z, least = jnp.where(more < least, tried, z), jnp.where(more < least, more, least)
         now = Solved(z, error(z))
         return jax.tree.map(lambda new, old: jnp.where(now.error < best.error, new, old), now, best), z, count + 1
 
-    return jax.lax.while_loop(going, step, (Solved(start, error(start)), start, 0))[0]
+    none = jnp.zeros(many, int)
+    return repeated(going, step, (Solved(start, error(start)), start, none))[0]
 
 
 def _slope(contact: Contact, z: NodeVectors) -> AnyArray:
     """dP/dz, (nodes, 3, 3)."""
-    units = jnp.broadcast_to(jnp.eye(3, dtype=z.dtype)[:, None], (3, *z.shape))
+    units = jnp.broadcast_to(for_many(np.eye(3)[:, None], z[0, 0]), (3, *z.shape))
     along = jax.vmap(lambda unit: jax.jvp(lambda z: as_impulses(contact, z), (z,), (unit,))[1])(units)
-    return jnp.moveaxis(along, 0, -1)
+    return jnp.moveaxis(along, 0, 2)
 
 
 class _Splitting(NamedTuple):
@@ -160,14 +173,15 @@ class _Splitting(NamedTuple):
 
 
 def _prepared(problem: ContactProblem, state: _Splitting) -> _Splitting:
-    w = problem.b + (problem.G @ state.impulse.ravel()).reshape(problem.b.shape)
+    w = problem.b + applied(problem.G, state.impulse)
     return state._replace(slip=w + _shift(problem.contact, w), rho=jnp.ones_like(state.rho))
 
 
 def _shift(contact: Contact, w: NodeVectors) -> NodeVectors:
     """mu |w_t| - c along the normals: with it, velocities are in the dual cone of the impulses'."""
     mu = _friction(contact)
-    return (mu * jnp.sqrt(w[:, 1] ** 2 + w[:, 2] ** 2) - contact.closing)[:, None] * jnp.eye(3, dtype=w.dtype)[0]
+    higher = mu * jnp.sqrt(w[:, 1] ** 2 + w[:, 2] ** 2) - contact.closing
+    return higher[:, None] * for_many(NORMAL, w[0, 0])
 
 
 def _friction(contact: Contact) -> PerNode:
@@ -178,17 +192,17 @@ def _split(problem: ContactProblem, state: _Splitting) -> _Splitting:
     """Some iterations: a linear system, a projection on the cones; then the penalty rho follows the errors of both."""
     rho, mu, dtype = state.rho, _friction(problem.contact), state.impulse.dtype
     # an inverse, not a factorisation: each of the iterations that share it is then one product
-    inverse = inverse_of(problem.G + rho * jnp.eye(len(problem.G), dtype=dtype))
+    inverse = inverse_of(problem.G + rho * for_many(np.eye(len(problem.G)), rho))
 
     def again(carry):
         p, w, _, count = carry
         goal = rho * p + w - problem.b - _shift(problem.contact, w)
-        free = (inverse @ goal.ravel()).reshape(p.shape)
+        free = applied(inverse, goal)
         after = onto_cone(free - w / rho, mu)
-        errors = jnp.stack([jnp.max(jnp.abs(free - after)), jnp.max(jnp.abs(after - p))])
+        errors = jnp.stack([jnp.max(jnp.abs(x), axis=(0, 1)) for x in (free - after, after - p)])
         return after, w - rho * (free - after), rho * errors, count + 1
 
-    first = (state.impulse, state.slip, jnp.zeros(2, dtype), 0)
+    first = (state.impulse, state.slip, jnp.zeros((2, *rho.shape), dtype), 0)
     p, w, (primal, dual), _ = jax.lax.while_loop(lambda carry: carry[3] < PENALTY_KEPT, again, first)
     # a larger rho brings the impulses to the cones sooner, a smaller one the motion to its law: neither may lag
     change = jnp.where(primal > 10 * dual, 3.0, jnp.where(dual > 10 * primal, 1 / 3, 1.0)).astype(dtype)

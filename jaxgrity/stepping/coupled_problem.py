@@ -3,9 +3,11 @@
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 
 from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import length
+from jaxgrity.core.side_by_side import applied, contracted, for_many
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.stepping.coupled_constraints import Constraints, Sliding
 from jaxgrity.stepping.coupled_contacts import as_impulses
@@ -58,15 +60,15 @@ def problem_of(constraints: Constraints) -> Coupled:
 def in_frames(problem: Coupled, x: NodeVectors) -> MemberVectors:
     """Components along normals and tangents of vectors along x, y and z."""
     if problem.reach is not None:
-        return jnp.einsum("bakj,kj->ba", problem.reach, x)
-    return jnp.einsum("nak,nk->na", problem.frame, x)
+        return contracted("bakj,kj->ba", problem.reach, x)
+    return contracted("nak,nk->na", problem.frame, x)
 
 
 def from_frames(problem: Coupled, x: MemberVectors) -> NodeVectors:
     """Vectors along x, y and z of components along normals and tangents: impulses on nodes of those of contacts."""
     if problem.reach is not None:
-        return jnp.einsum("bakj,ba->kj", problem.reach, x)
-    return jnp.einsum("nak,na->nk", problem.frame, x)
+        return contracted("bakj,ba->kj", problem.reach, x)
+    return contracted("nak,na->nk", problem.frame, x)
 
 
 def vectors_after(problem: Coupled | Constraints, w: NodeVectors) -> MemberVectors:
@@ -74,7 +76,7 @@ def vectors_after(problem: Coupled | Constraints, w: NodeVectors) -> MemberVecto
 
     Of a sliding node it is the way from its place on the line at the start.
     """
-    return problem.apart + problem.ends @ w
+    return problem.apart + contracted("sn,nk->sk", problem.ends, w)
 
 
 def rate_to_length(problem: Coupled, u: MemberVectors, w: NodeVectors) -> PerMember:
@@ -93,41 +95,44 @@ def rate_to_length(problem: Coupled, u: MemberVectors, w: NodeVectors) -> PerMem
 
 def eliminated(problem: Coupled, root_mass: PerNode, u: MemberVectors) -> Elimination:
     """The parts of struts and contacts for the directions u, scaled by the roots of the masses."""
-    nodes, weight = len(root_mass), jnp.repeat(root_mass, 3)
+    contacts, nodes, many = len(root_mass), len(problem.start), root_mass.shape[1:]
+    weight = jnp.repeat(root_mass, 3, axis=0)
     J, inverse, B = response(problem, u)
     if problem.reach is not None:
-        D = problem.reach.reshape(3 * nodes, problem.start.size)  # -1 fails without contacts
-        return Elimination(u, J, inverse, weight[:, None] * (D @ B @ D.T) * weight)
-    in_frame = jnp.einsum("iak,ikjl,jbl->iajb", problem.frame, B.reshape(nodes, 3, nodes, 3), problem.frame)
-    return Elimination(u, J, inverse, weight[:, None] * in_frame.reshape(B.shape) * weight)
+        D = problem.reach.reshape(3 * contacts, 3 * nodes, *many)  # -1 fails without contacts
+        G = contracted("il,jl->ij", contracted("ik,kl->il", D, B), D)
+    else:
+        of_nodes = contracted("iak,ikjl->iajl", problem.frame, B.reshape(nodes, 3, nodes, 3, *many))
+        G = contracted("iajl,jbl->iajb", of_nodes, problem.frame).reshape(B.shape)
+    return Elimination(u, J, inverse, weight[:, None] * G * weight)
 
 
 def response(problem: Coupled, u: MemberVectors) -> tuple[AnyArray, AnyArray, AnyArray]:
     """J, (J A J^T)^-1, kg, and B, 1/kg: the nodes' motion by impulses at constant lengths of struts."""
-    J = (problem.ends[:, :, None] * u[:, None]).reshape(len(u), problem.start.size)
+    J = (problem.ends[:, :, None] * u[:, None]).reshape(len(u), *problem.A.shape[1:])
     if not len(J):
-        return J, jnp.zeros((0, 0), J.dtype), problem.A
-    AJ = problem.A @ J.T
-    own = J @ AJ
-    inverse = inverse_of_responses(own)
-    return J, inverse, problem.A - AJ @ inverse @ AJ.T
+        return J, jnp.zeros((0, 0, *J.shape[2:]), J.dtype), problem.A
+    AJ = contracted("kl,sl->ks", problem.A, J)
+    inverse = inverse_of_responses(contracted("sk,kt->st", J, AJ))
+    return J, inverse, problem.A - contracted("kt,lt->kl", contracted("ks,st->kt", AJ, inverse), AJ)
 
 
 def inverse_of_responses(own: AnyArray) -> AnyArray:
     """The inverse of J A J^T, (struts, struts); where struts are redundant, that of a matrix near it."""
     # to a diagonal of 1, so that the ridge is the same share of the response of every strut, light or heavy;
     # in float32 rounding is more than `REDUNDANT`
-    answer = jnp.diagonal(own)
+    every = np.arange(len(own))
+    answer = own[every, every]
     # a strut between supports answers nothing, and has no impulse
     scale = jnp.where(answer > 0, 1 / jnp.sqrt(jnp.maximum(answer, jnp.finfo(own.dtype).tiny)), 0)
-    ridge = max(REDUNDANT, 10 * float(jnp.finfo(own.dtype).eps)) * jnp.eye(len(own), dtype=own.dtype)
-    return inverse_of(own * scale[:, None] * scale + ridge) * scale[:, None] * scale
+    ridge = max(REDUNDANT, 10 * float(jnp.finfo(own.dtype).eps)) * np.eye(len(own))
+    return inverse_of(own * scale[:, None] * scale + for_many(ridge, own[0, 0])) * scale[:, None] * scale
 
 
 def strut_directions(problem: Coupled, w: NodeVectors | None = None) -> MemberVectors:
     """u, (struts, 3): the directions of the struts at the start of the step, or at its end with velocities w."""
     if problem.apart is None:
-        return jnp.zeros((0, 3), problem.start.dtype)
+        return jnp.zeros((0, *problem.start.shape[1:]), problem.start.dtype)
     d = problem.apart if w is None else vectors_after(problem, w)
     d, sliding = _of_struts(problem, d), problem.sliding
     u = d / length(d)[:, None]
@@ -150,7 +155,7 @@ def stretch_after(problem: Coupled, w: NodeVectors) -> Scalar:
     lengths = _of_struts(problem, problem.goal)
     if problem.sliding is not None:
         lengths = jnp.concatenate([lengths, length(problem.sliding.line)])
-    return jnp.max(jnp.abs(lengths_after(problem, w) - problem.goal) / lengths)
+    return jnp.max(jnp.abs(lengths_after(problem, w) - problem.goal) / lengths, axis=0)
 
 
 def _of_struts(problem: Coupled | Constraints, rows: AnyArray) -> AnyArray:
@@ -190,9 +195,4 @@ def scaled(contact: Contact, root_mass: PerNode) -> Contact:
 
 def acted_on(problem: Coupled, pulls: MemberVectors, p: AnyArray) -> NodeVectors:
     """w0 + A (f + p), m/s, with f of the impulses of struts, (struts, 3), N s, on their first ends."""
-    return problem.start + moved(problem.A, problem.ends.T @ pulls + from_frames(problem, p))
-
-
-def moved(A: AnyArray, impulse: NodeVectors) -> NodeVectors:
-    """A f, m/s."""
-    return (A @ impulse.ravel()).reshape(impulse.shape)
+    return problem.start + applied(problem.A, contracted("sn,sk->nk", problem.ends, pulls) + from_frames(problem, p))
