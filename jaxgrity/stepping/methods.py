@@ -14,6 +14,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.coupled_stepping import CoupledImpulses
 from jaxgrity.stepping.runge_kutta import RK4
 from jaxgrity.stepping.swept import SweptImpulses
+from jaxgrity.stepping.timed_contact import TimedImpulses
 from jaxgrity.stepping.verlet import Verlet
 
 Build = Callable[[], diffrax.AbstractSolver]
@@ -125,5 +126,6 @@ for _method in (
     Method("kvaerno5", 5, *_implicit(diffrax.Kvaerno5), implicit=True),
     Method("verlet", 2, Verlet, symplectic=True),
     Method("complementarity", 1, SweptImpulses, coupled=CoupledImpulses, constrained=True),
+    Method("complementarity2", 2, TimedImpulses, constrained=True),
 ):
     register_method(_method)
