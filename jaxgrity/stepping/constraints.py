@@ -17,7 +17,15 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.blocks import Blocks, Components, blocks, components_of, largest, rows_of, xyz
 from jaxgrity.stepping.entering import closing_speed, where_met
-from jaxgrity.stepping.ground_response import SLOWEST, Contact, Timing, along_own_axes, answered, ground_impulse, velocity
+from jaxgrity.stepping.ground_response import (
+    SLOWEST,
+    Contact,
+    Timing,
+    along_own_axes,
+    answered,
+    ground_impulse,
+    velocity,
+)
 
 HELD = 1e-2
 """Share of its free response to an impulse below which a strut counts as held by the ground at both ends."""
@@ -171,7 +179,10 @@ def contacts_of(scene: Scene, problem: StepProblem) -> tuple[Contact | None, ...
     least = (SLOWEST * speed_scale(scene)) ** 2
     timing = none if problem.timing is None else problem.timing
     axes = none if problem.axes is None else problem.axes
-    return tuple(Contact(*each, least, when) for *each, when in zip(problem.closing, mu, axes, timing, strict=True))
+    return tuple(
+        Contact(closing, coefficient, own, least, when)
+        for closing, coefficient, own, when in zip(problem.closing, mu, axes, timing, strict=True)
+    )
 
 
 def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) -> LengthError:

@@ -40,6 +40,16 @@ FULL = 1.5
 """Time from the start of a step in which a node lands to the middle of the next step, in steps."""
 
 
+def untimed(scene: Scene, coupled: bool) -> str | None:
+    """What of a scene has no landings at their own time; None: nothing."""
+    if coupled or len(blocks_of(scene).groups) > 1:
+        return "this scene's struts and contacts are solved together"
+    ground = exact_ground(scene)
+    return (
+        "bounces (restitution) have no second half" if ground is not None and ground.restitution is not None else None
+    )
+
+
 class TimedImpulses(SweptImpulses):
     """Impulses by sweeps, with landings at their own time and friction against the mean velocity."""
 
@@ -56,7 +66,9 @@ class TimedImpulses(SweptImpulses):
         accelerated = lambda v: store_cotangent(field(t0, (q, v), acting)[1])  # noqa: E731
         problem = self.lift(step_problem, ("s", None, None, -1, -1))(scene, h, t1, q, v)
         early = self.lift(shares_before_landing, ("s", None, -1))(scene, h, start)
-        first = jax.tree.map(store_cotangent, self.lift(landing_problem, ("s", None, -1, -1, -1))(scene, h, start, problem, early))
+        first = jax.tree.map(
+            store_cotangent, self.lift(landing_problem, ("s", None, -1, -1, -1))(scene, h, start, problem, early)
+        )
         a = accelerated(v)
         # no forces yet on struts that landed in the last step
         trials = self.lift(trials_of, ("s", -1))(scene, v)
@@ -66,7 +78,9 @@ class TimedImpulses(SweptImpulses):
         corrected = accelerated((v + guess) / 2) if scene.dissipates else a
         last = self.lift(sliding_problem, ("s", None, -1, -1, -1, -1))(scene, h, start, first, guess, memory[1:])
         trials = self.lift(after_landing, ("s", -1, -1, -1))(scene, first, trials, memory.landed)
-        trials = self.lift(kicked, ("s", -1, -1, -1, -1))(scene, trials, kick * (corrected - a), kick * corrected, memory.landed)
+        trials = self.lift(kicked, ("s", -1, -1, -1, -1))(
+            scene, trials, kick * (corrected - a), kick * corrected, memory.landed
+        )
         w, after = self._finished(scene, h, last, trials, memory)
         pressed = after.impulses.normal > 0
         return w, TimedState(*after, jnp.where(pressed, early, 0))
@@ -117,7 +131,7 @@ def after_landing(scene: Scene, problem: StepProblem, trials: Trials, landed: Pe
 
 
 def kicked(scene: Scene, trials: Trials, change: NodeVectors, on_landed: NodeVectors, landed: PerNode) -> Trials:
-    """Trial impulses after the `change` of velocities, m/s; it is `on_landed` on struts that landed in the last step."""
+    """Trial impulses after the `change` of velocities, m/s; `on_landed` on struts that landed in the last step."""
     layout, ground = blocks_of(scene), exact_ground(scene)
     parts = zip(trials, layout.split(change, ground), layout.split(on_landed, ground), _hit(scene, landed))
     return tuple(trial - _chosen(hit, there, here) for trial, here, there, hit in parts)
