@@ -20,7 +20,7 @@ class SimulateSettings:
     duration: float = 10.0
     """simulated time, s"""
     method: str | None = None
-    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity; by default the scene decides"""
+    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet, complementarity or complementarity2; by default automatic"""
     dt: float | None = None
     """fixed time step, s; by default adaptive methods adapt their step, and other methods take a safe one"""
     dtype: Literal["float32", "float64"] = "float64"
@@ -80,7 +80,7 @@ class DiagnoseSettings:
     duration: float = 10.0
     """simulated time, s"""
     method: str | None = None
-    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity; by default the scene decides"""
+    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet, complementarity or complementarity2; by default automatic"""
     dt: float | None = None
     """fixed time step, s; by default adaptive methods adapt their step, and other methods take a safe one"""
     dtype: Literal["float32", "float64"] = "float64"
@@ -113,7 +113,7 @@ class ValidateSettings:
     gait: str | None = None
     """name of a library gait, or the gait.json of a search; replaces the gait of the scene"""
     method: str | None = None
-    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet or complementarity; by default the scene decides"""
+    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet, complementarity or complementarity2; by default automatic"""
     dt: float | None = None
     """fixed time step, s; by default adaptive methods adapt their step, and other methods take a safe one"""
     out: Path = Path("results/validate")

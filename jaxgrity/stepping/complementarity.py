@@ -14,7 +14,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, State
+from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, State
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.constraints import GroundImpulses, exact_ground
 from jaxgrity.stepping.ground_impulses import bounce_gains
@@ -42,8 +42,17 @@ class SweptState(NamedTuple):
     """of the last step"""
 
 
+class TimedState(NamedTuple):
+    """The same with the times of landings (`timed_contact.py`)."""
+
+    step_size: Scalar
+    impulses: GroundImpulses
+    landed: PerNode
+    """share of the last step after which a node landed in it; 0 for a node that did not"""
+
+
 class CoupledState(NamedTuple):
-    """The same with struts and contacts solved together."""
+    """That of sweeps with struts and contacts solved together."""
 
     step_size: Scalar
     impulses: GroundImpulses
@@ -53,7 +62,7 @@ class CoupledState(NamedTuple):
     """m/s, by which velocities miss what the impulses make of them, at most"""
 
 
-ImpulseState = SweptState | CoupledState
+ImpulseState = SweptState | TimedState | CoupledState
 """carries that hold the size of the last step, in whose middle the velocities are"""
 
 

@@ -17,7 +17,15 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Members
 from jaxgrity.stepping.blocks import Blocks, Components, blocks, components_of, largest, rows_of, xyz
 from jaxgrity.stepping.entering import closing_speed, where_met
-from jaxgrity.stepping.ground_response import SLOWEST, Contact, along_own_axes, answered, ground_impulse, velocity
+from jaxgrity.stepping.ground_response import (
+    SLOWEST,
+    Contact,
+    Timing,
+    along_own_axes,
+    answered,
+    ground_impulse,
+    velocity,
+)
 
 HELD = 1e-2
 """Share of its free response to an impulse below which a strut counts as held by the ground at both ends."""
@@ -51,6 +59,8 @@ class StepProblem(NamedTuple):
     """for each block, the normal velocity at which a node reaches the ground in this step, or leaves it, m/s"""
     axes: tuple[tuple[Components, Components, Components], ...] | None
     """for each block, normal and tangents of uneven ground where it is linearised"""
+    timing: tuple[Timing, ...] | None = None
+    """for each block, what the second order of contact adds (`timed_contact.py`)"""
 
 
 class LengthError(NamedTuple):
@@ -137,13 +147,13 @@ def with_change(scene: Scene, trials: Trials, change: NodeVectors) -> Trials:
 
 def velocities(scene: Scene, problem: StepProblem, trials: Trials) -> NodeVectors:
     """Of all nodes, m/s."""
-    parts = tuple(map(velocity, _contacts(scene, problem), trials))
+    parts = tuple(map(velocity, contacts_of(scene, problem), trials))
     return xyz(blocks_of(scene).joined(parts), exact_ground(scene))
 
 
 def impulses(scene: Scene, problem: StepProblem, trials: Trials) -> GroundImpulses:
     """The change of all nodes' velocities by the ground."""
-    contacts = _contacts(scene, problem)
+    contacts = contacts_of(scene, problem)
     parts = map(ground_impulse, contacts, trials)
     p = blocks_of(scene).joined(tuple(map(along_own_axes, contacts, parts)))
     return GroundImpulses(p.normal, (p.first, p.second))
@@ -151,7 +161,7 @@ def impulses(scene: Scene, problem: StepProblem, trials: Trials) -> GroundImpuls
 
 def sweep(scene: Scene, problem: StepProblem, trials: Trials) -> Trials:
     """One pass over all rigid struts, group by group, each to its length; the ground responds at once."""
-    layout, contacts = blocks_of(scene), _contacts(scene, problem)
+    layout, contacts = blocks_of(scene), contacts_of(scene, problem)
     # group after group, each on what the last one left: struts that share a node would overshoot if met at once
     for group, push in zip(layout.groups, problem.pushes):
         s = layout.at_nodes(_to_length(_strut(layout, problem, contacts, group, push, trials)), group)
@@ -159,7 +169,7 @@ def sweep(scene: Scene, problem: StepProblem, trials: Trials) -> Trials:
     return trials
 
 
-def _contacts(scene: Scene, problem: StepProblem) -> tuple[Contact | None, ...]:
+def contacts_of(scene: Scene, problem: StepProblem) -> tuple[Contact | None, ...]:
     """Of each block of nodes with the ground."""
     layout, friction = blocks_of(scene), scene.friction
     none: tuple = (None,) * len(layout.nodes)
@@ -167,8 +177,12 @@ def _contacts(scene: Scene, problem: StepProblem) -> tuple[Contact | None, ...]:
         return none
     mu = none if friction is None else layout.numbers(jnp.asarray(friction.sliding_mu))
     least = (SLOWEST * speed_scale(scene)) ** 2
+    timing = none if problem.timing is None else problem.timing
     axes = none if problem.axes is None else problem.axes
-    return tuple(Contact(*each, least) for each in zip(problem.closing, mu, axes, strict=True))
+    return tuple(
+        Contact(closing, coefficient, own, least, when)
+        for closing, coefficient, own, when in zip(problem.closing, mu, axes, timing, strict=True)
+    )
 
 
 def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) -> LengthError:
@@ -177,7 +191,7 @@ def length_error(scene: Scene, h: Scalar, problem: StepProblem, trials: Trials) 
         none = jnp.zeros_like(trials[0].normal[0])
         return LengthError(none, none)
     layout = blocks_of(scene)
-    w = tuple(map(velocity, _contacts(scene, problem), trials))
+    w = tuple(map(velocity, contacts_of(scene, problem), trials))
     first, second = layout.ends(w, tuple(range(len(layout.edges))))
     d = problem.vectors + (first - second)
     off = jnp.abs(jnp.sqrt(d.dot(d)) - problem.lengths)
@@ -191,7 +205,7 @@ def length_gap(scene: Scene, problem: StepProblem, trials: Trials) -> tuple[PerM
     holds both ends, so that no impulse changes F, it is d·m of free ends.
     """
     layout = blocks_of(scene)
-    strut = _strut(layout, problem, _contacts(scene, problem), layout.groups[0], problem.pushes[0], trials)
+    strut = _strut(layout, problem, contacts_of(scene, problem), layout.groups[0], problem.pushes[0], trials)
     held = strut.moving.dot(strut.moving) == 0
     rate = jnp.where(held, strut.d.dot(strut.free), strut.d.dot(strut.moving))
     return (strut.d.dot(strut.d) - strut.goal * strut.goal) / 2, rate

@@ -26,6 +26,15 @@ SLOWEST = 1e-10
 """Speed, m/s for a body of one metre. Its square is added to |z_t|^2: the derivative of |z_t| is then finite at 0."""
 
 
+class Timing(NamedTuple):
+    """When in a step friction acts on a block of nodes: p_t = (1 - s (1 - min(1, mu p_n/|y|))) y with y = z_t + c."""
+
+    offset: tuple[PerRow, PerRow]
+    """c, m/s, along both tangents: friction acts against w_t - c"""
+    sliding: PerRow
+    """s, the time that a node slides, in units of the kick's"""
+
+
 class Contact(NamedTuple):
     """The exact ground at a block of nodes."""
 
@@ -37,6 +46,8 @@ class Contact(NamedTuple):
     """normal and two tangents at each node; None: those along which vectors have their components"""
     least: Scalar = SLOWEST**2
     """m^2/s^2, its square for this body: one number, which XLA does not compute anew for each use"""
+    timing: Timing | None = None
+    """what the second order of contact adds; None: the first order"""
 
 
 def along_own_axes(contact: Contact | None, x: Components) -> Components:
@@ -66,7 +77,10 @@ def ground_impulse(contact: Contact | None, trial: Components) -> Components:
     pressed = positive_part(trial.normal + contact.closing)
     if contact.mu is None:
         return Components(pressed, 0 * trial.first, 0 * trial.second)
+    trial = _against(contact, trial)
     share = _share(contact.mu, pressed, _size_squared(contact, trial))
+    if contact.timing is not None:
+        share = 1 - contact.timing.sliding * (1 - share)
     return Components(pressed, share * trial.first, share * trial.second)
 
 
@@ -96,13 +110,27 @@ def answered(contact: Contact | None, trial: Components, push: Components) -> Co
     normal = push.normal * (1 - touching)
     if contact.mu is None:
         return Components(normal, push.first, push.second)
+    trial = _against(contact, trial)
     share = _share(contact.mu, pressed, _size_squared(contact, trial))
     sliding = touching * (share < 1).astype(share.dtype)
     back = inverse_root(_size_squared(contact, trial))
     first, second = trial.first * back, trial.second * back
     along = sliding * (share * (first * push.first + second * push.second) - contact.mu * push.normal)
     passing = 1 - share
-    return Components(normal, passing * push.first + along * first, passing * push.second + along * second)
+    first, second = passing * push.first + along * first, passing * push.second + along * second
+    if contact.timing is not None:
+        # a node in the air follows the push
+        moves = 1 + touching * (contact.timing.sliding - 1)
+        first, second = moves * first, moves * second
+    return Components(normal, first, second)
+
+
+def _against(contact: Contact, trial: Components) -> Components:
+    """The trial impulse whose tangential part friction answers: z_t + c."""
+    if contact.timing is None:
+        return trial
+    first, second = contact.timing.offset
+    return Components(trial.normal, trial.first + first, trial.second + second)
 
 
 def _share(mu: PerRow | Scalar, pressed: PerRow, size_squared: PerRow) -> PerRow:

@@ -14,6 +14,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.coupled_stepping import CoupledImpulses
 from jaxgrity.stepping.runge_kutta import RK4
 from jaxgrity.stepping.swept import SweptImpulses
+from jaxgrity.stepping.timed_contact import TimedImpulses, untimed
 from jaxgrity.stepping.verlet import Verlet
 
 Build = Callable[[], diffrax.AbstractSolver]
@@ -34,6 +35,8 @@ class Method(NamedTuple):
     """builds the solver for adaptive steps; None: no error estimate"""
     coupled: Build | None = None
     """builds the solver that solves struts and contacts together; None: no such variant"""
+    refuses: Callable[[Scene, bool], str | None] = lambda scene, coupled: None
+    """what of a scene it cannot solve, if struts and contacts are solved together or not; None: nothing"""
     implicit: bool = False
     """whether it solves equations in each step; it is then stable at any step, and computes robot by robot"""
     symplectic: bool = False
@@ -74,6 +77,12 @@ def find_method(name: str) -> Method:
         name = ALIASES[name]
     check_known("method", name, METHODS)
     return METHODS[name]
+
+
+def check_solves(method: Method, scene: Scene, coupled: bool) -> None:
+    """Refuse a scene, with struts and contacts `coupled` or not, that the method cannot solve."""
+    if what := method.refuses(scene, coupled):
+        raise InputError(f"method = {method.name!r}: {what}; expected {constrained_method().name!r}")
 
 
 def constrained_method() -> Method:
@@ -125,5 +134,6 @@ for _method in (
     Method("kvaerno5", 5, *_implicit(diffrax.Kvaerno5), implicit=True),
     Method("verlet", 2, Verlet, symplectic=True),
     Method("complementarity", 1, SweptImpulses, coupled=CoupledImpulses, constrained=True),
+    Method("complementarity2", 1, TimedImpulses, refuses=untimed, constrained=True),
 ):
     register_method(_method)

@@ -20,21 +20,18 @@ from jaxgrity.model.slides import slides_of
 from jaxgrity.stepping.blocks import disjoint_groups
 from jaxgrity.stepping.capsules import capsules_of
 from jaxgrity.stepping.constraints import exact_ground, rigid_struts
-from jaxgrity.stepping.methods import Method, constrained_method, default_method, find_method
+from jaxgrity.stepping.methods import Method, check_solves, constrained_method, default_method, find_method
 from jaxgrity.stepping.starts import check_start
 from jaxgrity.stepping.step_limits import default_step, step_fault
 from jaxgrity.stepping.strut_contacts import points_between
 
 KEPT = 64
-"""Number of calls of `resolve` whose result is remembered: choosing and checking a step takes longer than a short
-rollout."""
+"""Number of calls of `resolve` whose result is remembered: a step's checks take longer than a short rollout."""
 MASS_RATIO = 50
 """Largest ratio of the masses at a strut's ends at which sweeps are sure to converge on the ground."""
 ROUGH = 1.0
 """Smallest friction coefficient mu at which sweeps may not converge."""
-UNSWEPT = (
-    "sweeps handle no rods with mass, supports, bodies or balls, no slides, and no contact along or between struts"
-)
+UNSWEPT = "sweeps handle no rods with mass, supports, bodies, balls or slides, and no contact along or between struts"
 MOST_SWEEPS = 1000
 """Largest number of sweeps per complementarity step if a tolerance is given."""
 
@@ -44,7 +41,7 @@ class SolverOptions:
     """Solver options. `resolve` chooses those that are None to suit the scene."""
 
     method: str | None = None
-    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet, complementarity or a registered one; None: the scene decides"""
+    """rk4, tsit5, dopri8, kvaerno3, kvaerno5, verlet, complementarity, complementarity2 or your own; None: automatic"""
     dt: float | None = None
     """fixed time step, s; None: adaptive methods adapt their step, and other methods take `default_step`"""
     dtype: str | None = None
@@ -160,10 +157,11 @@ def _resolved(scene: Scene, options: Options, dtype: str | None, x64: bool) -> R
     _check_method(scene, method)
     sweeps, coupled = _sweeps(given, method, dtype, size), is_coupled(scene, given, method, concrete)
     if coupled and given.sweeps is not None:
-        without = "none" if _must_be_coupled(scene) else "none, or coupled = False"
+        other = "none" if _must_be_coupled(scene) else "none, or coupled = False"
         raise InputError(
-            f"sweeps = {given.sweeps}: this scene's struts and contacts are solved together; expected {without}"
+            f"sweeps = {given.sweeps}: this scene's struts and contacts are solved together; expected {other}"
         )
+    check_solves(method, scene, coupled)
     dt = given.dt
     if dt is None and not method.adaptive:
         dt = _default_step(scene, method)
@@ -184,6 +182,7 @@ def check_options(scene: Scene, options: ResolvedOptions) -> None:
     """Refuse options that were resolved for a scene of another kind. The step is not looked at for what is stable."""
     method = options.method
     _check_method(scene, method)
+    check_solves(method, scene, options.coupled)
     if method.constrained and not options.coupled and _must_be_coupled(scene):
         raise InputError(f"options: {UNSWEPT}; expected options that `resolve` makes for this scene")
     if options.dt is not None and not traced((scene, options)):

@@ -70,9 +70,13 @@ class SweptImpulses(Complementarity):
             corrected = accelerated((v + found(scene, problem, trials)) / 2)
             # the impulses found so far stay, so that the last round begins near its answer
             trials = self.lift(with_change, ("s", -1, -1))(scene, trials, kick * (corrected - a))
+        return self._finished(scene, h, problem, trials, memory)
+
+    def _finished(self, scene, h, problem, trials, memory):
+        """The last round of a step: velocities, m/s, and the memory."""
         most = usual_sweeps(scene) if self.sweeps is None else self.sweeps
         trials = self._constrain(scene, h, problem, trials, most, self.tolerance)
-        w = found(scene, problem, trials)
+        w = self.lift(velocities, ("s", -1, -1))(scene, problem, trials)
         taken = jnp.broadcast_to(h, jnp.shape(memory.step_size))
         after = SweptState(taken, self.lift(impulses, ("s", -1, -1))(scene, problem, trials))
         if problem.lengths is not None:

@@ -81,7 +81,7 @@ def size_of(title: str, name: str) -> tuple:
         pytest.param(title, name, marks=size_of(title, name))
         for title in PROBLEMS
         for name in METHODS
-        if name != "complementarity"
+        if not METHODS[name].constrained
     ],
 )
 def test_motion_and_its_derivative_are_the_exact_ones(title, name):

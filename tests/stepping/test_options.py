@@ -156,7 +156,7 @@ def test_options_resolved_for_another_kind_of_scene_are_refused(reference, exact
     held = dataclasses.replace(exact, structure=dataclasses.replace(exact.structure, fixed=((0, "xyz"),)))
     swept = resolve(exact, 1.0)
     for run in (lambda: simulate(held, 0.3, options=swept), lambda: final_state(held, 0.3, swept)):
-        with pytest.raises(InputError, match="sweeps handle no rods with mass, supports, bodies or balls"):
+        with pytest.raises(InputError, match="sweeps handle no rods with mass, supports, bodies, balls"):
             run()
     pushed = with_terms(reference, Push((0,), [[1.0, 0, 0]], 0.1, 4e-4, ramp=1e-4))
     lost = r"dt = 0\.000\d+ s: a push .* would be lost between the steps of rk4; expected at most 0\.0001 s"

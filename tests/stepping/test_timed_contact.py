@@ -1,0 +1,181 @@
+"""Landings at their own time, and friction against the mean velocity: the method `complementarity2`."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxgrity
+from jaxgrity import (
+    ConeFriction,
+    ExactGround,
+    InputError,
+    Members,
+    Scene,
+    SolverOptions,
+    Structure,
+    gaits_of,
+    load_scene,
+    random_phases,
+    rollout,
+    simulate,
+    simulate_population,
+)
+from jaxgrity.stepping import resolve
+
+STEPS = (1e-2, 5e-3, 2.5e-3, 1.25e-3)
+"""s"""
+
+
+def rod(mu: float = 0.95, **ground) -> Scene:
+    """A rod of two unequal masses above rough ground."""
+    nodes = np.array([[0.0, 0.0, 0.5], [1.0, 0.0, 0.5]])
+    struts = Members(((0, 1),), None, np.array([1.0]), None)
+    return Scene(
+        Structure(nodes, np.array([1.0, 1.5]), struts, None),
+        gravity=9.81,
+        ground=ExactGround(incline=0.0, **ground),
+        friction=ConeFriction(mu),
+    )
+
+
+def starts(count: int, speed: float, spin: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Inclined rods just above the ground, that fall, slide and spin, m and m/s."""
+    draw, found = np.random.default_rng(0), []
+    for _ in range(count):
+        tilt, turn, height = np.deg2rad(50 + 20 * draw.random()), 2 * np.pi * draw.random(), 0.03 + 0.05 * draw.random()
+        along = np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)])
+        foot, v = np.array([0.0, 0.0, height]), np.array([*(speed * draw.normal(size=2)), -0.3 * draw.random()])
+        w = spin * draw.normal(size=3)
+        found.append((np.array([foot, foot + along]), np.array([v, v + np.cross(w, along)])))
+    return found
+
+
+def errors(scene: Scene, begin: list, duration: float, method: str, steps=STEPS) -> np.ndarray:
+    """m, of each start at each step, against a step 256 times smaller than the first."""
+
+    def end(start, h, method):
+        options = SolverOptions(method=method, dt=h)
+        return rollout(scene, np.array([0.0, duration]), start=start, options=options).positions[-1]
+
+    finest = [end(start, STEPS[0] / 256, "complementarity2") for start in begin]
+    return np.array([[np.linalg.norm(end(b, h, method) - x) for h in steps] for b, x in zip(begin, finest)])
+
+
+def test_rods_that_land_and_stick_have_a_fifth_of_the_error():
+    for spin in (0.5, 2.0):
+        begin = starts(6, 0.2, spin)
+        plain, timed = (
+            np.median(errors(rod(), begin, 0.2, m), axis=0) for m in ("complementarity", "complementarity2")
+        )
+        assert (timed[:3] < plain[:3] / 3).all()
+        assert np.median(timed / plain) < 0.2
+
+
+def test_a_landing_that_turns_the_slip_has_one_limit():
+    """The plain method's answer depends there on where in a step the landing is, however small the step."""
+    timed = np.median(errors(rod(0.2), starts(6, 1.5, 0.0), 0.2, "complementarity2"), axis=0)
+    assert timed[-1] < timed[0] / 5
+
+
+def test_a_curved_slide_is_of_second_order():
+    ground = ExactGround(incline=0.5)
+    point = Scene(
+        Structure(np.zeros((1, 3)), np.array([1.0]), None, None),
+        gravity=9.81,
+        ground=ground,
+        friction=ConeFriction(0.3),
+    )
+    first, second = (np.asarray(t) for t in ground.tangents)
+    begin = [(np.zeros((1, 3)), (x * first + y * second)[None]) for x, y in ((-2.0, 1.5), (-1.7, 2.2), (-1.5, 1.8))]
+    found = np.median(errors(point, begin, 1.6, "complementarity2"), axis=0)
+    assert (np.log2(found[:-1] / found[1:]) > 1.8).all()
+
+
+def test_rolling_robots_are_nearly_twice_as_accurate():
+    exact = load_scene("exact")
+    gaits = gaits_of(exact.gait, random_phases(16, 6, seed=0))
+
+    def ends(method, h):
+        options = SolverOptions(method=method, dt=h, dtype="float64")
+        return np.asarray(simulate_population(exact, gaits, 3.0, options=options).com_end)
+
+    def error(method):
+        return np.median(np.linalg.norm(ends(method, 5e-3) - ends(method, 3e-4), axis=1))
+
+    assert error("complementarity2") < error("complementarity") / 1.4
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_constraints_hold_and_nothing_sinks(dtype):
+    rolling = simulate(load_scene("exact"), 3.0, options=SolverOptions(method="complementarity2", dtype=dtype))
+    tolerance = 1e-12 if dtype == "float64" else 1e-6
+    assert int(rolling.failure) == 0
+    assert rolling.positions[..., 2].min() > -tolerance
+
+
+def test_without_friction_it_is_the_plain_method():
+    smooth = replace(load_scene("exact"), friction=None)
+    one, other = (
+        simulate(smooth, 1.5, options=SolverOptions(method=m)).positions
+        for m in ("complementarity", "complementarity2")
+    )
+    np.testing.assert_array_equal(one, other)
+
+
+def test_landings_with_friction_add_no_energy():
+    """Rods that land, without weight, fluctuate as any midpoint rule does, and as with the plain method."""
+    draw, count, h, scene = np.random.default_rng(1), 10000, 1e-3, replace(rod(), gravity=0.0)
+    up = draw.normal(size=(count, 3))
+    up[:, 2] = abs(up[:, 2])
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    v, w = draw.normal(size=(count, 3)), 3 * draw.normal(size=(count, 3))
+    v[:, 2] = -abs(v[:, 2])
+    foot = np.stack([0 * v[:, 0], 0 * v[:, 0], -v[:, 2] * h * draw.random(count)], axis=1)
+    q, v = np.stack([foot, foot + up], axis=1), np.stack([v, v + np.cross(w, up)], axis=1)
+    mu = draw.uniform(0.0, 0.95, count)
+
+    def gained(method):
+        options = resolve(scene, 0.1, SolverOptions(method=method, dt=h))
+
+        def after(q, v, mu):
+            there = eqx.tree_at(lambda s: s.friction.mu, scene, mu)
+            return rollout(there, jnp.array([0.0, 4 * h]), start=(q, v), options=options, steps=4).velocities[-1]
+
+        def energy(v):
+            return (np.array([0.5, 0.75])[:, None] * np.asarray(v) ** 2).sum((1, 2))
+
+        return energy(jax.jit(jax.vmap(after))(q, v, mu)) / energy(v) - 1
+
+    plain, timed = gained("complementarity"), gained("complementarity2")
+    assert timed.max() < plain.max() + 1e-12 < 2e-5
+    assert np.median(timed) < -0.01
+
+
+def test_derivatives_are_those_of_the_step():
+    scene, (q, v) = rod(), starts(1, 0.2, 0.5)[0]
+    options = resolve(scene, 0.1, SolverOptions(method="complementarity2", dt=5e-3))
+
+    def end(scale):
+        times = np.array([0.0, 0.2])
+        return jnp.sum(rollout(scene, times, start=(q, scale * v), options=options).positions[-1] ** 2)
+
+    numeric = (end(1 + 1e-6) - end(1 - 1e-6)) / 2e-6
+    np.testing.assert_allclose(jax.grad(end)(1.0), numeric, rtol=1e-5)
+    np.testing.assert_allclose(jax.jvp(end, (1.0,), (1.0,))[1], numeric, rtol=1e-5)
+
+
+def test_scenes_that_it_cannot_solve_are_refused():
+    timed = SolverOptions(method="complementarity2")
+    with pytest.raises(InputError, match="bounces"):
+        resolve(rod(restitution=0.5), 1.0, timed)
+    with pytest.raises(InputError, match="solved together; expected 'complementarity'"):
+        resolve(rod(), 1.0, replace(timed, coupled=True))
+    with pytest.raises(InputError, match="solved together"):
+        resolve(rod(1.5), 1.0, timed)
+    given = resolve(rod(), 1.0, timed)
+    with pytest.raises(InputError, match="bounces"):
+        jaxgrity.stepping.resolve(rod(restitution=0.5), 1.0, given)
