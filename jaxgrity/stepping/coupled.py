@@ -13,6 +13,8 @@ a light node snaps through between heavy ones. Then directions at the end of the
 projected on the constraints by iterations, as in Gauss and Newton's method. That has a solution, and loses some
 energy.
 
+On a CPU small problems are solved in vectors over many of them, the last axis of all arrays (`core/side_by_side.py`).
+
 Derivatives are those of the solution (implicit function theorem), in forward and in reverse mode.
 """
 
@@ -25,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.dense import least_solution
-from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated, where_needed
+from jaxgrity.core.side_by_side import applied, contracted, for_many, where_needed, while_any
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.stepping.coupled_contacts import NORMAL, ContactProblem, as_impulses, solve_contacts
 from jaxgrity.stepping.coupled_problem import (
@@ -208,7 +210,7 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
             return (inner[1].stretch > fine) & (inner[0] < most) & ~turned
 
         begun = found._replace(pulls=0 * found.pulls, stretch=infinite)
-        found = repeated(unmet, lambda s: (s[0] + 1, _round(problem, root_mass, parts, s[1])), (none, begun))[1]
+        found = while_any(unmet, lambda s: (s[0] + 1, _round(problem, root_mass, parts, s[1])), (none, begun))[1]
         # where the first directions led nowhere, projections begin anew, from the velocities `near`
         lost = (count == 0) & ~((found.stretch <= close) & (found.along > STEEPEST))
         return count + 1, jax.tree.map(lambda a, b: jnp.where(lost, a, b), start, found), parts.units
@@ -218,7 +220,7 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
         count, found, _ = state
         return (found.stretch > jnp.where(count == 1, close, fine)) & (count <= PROJECTIONS) & alive
 
-    _, found, u = repeated(unmet, attempt, (none, start, first.units))
+    _, found, u = while_any(unmet, attempt, (none, start, first.units))
     return found, u, root_mass
 
 

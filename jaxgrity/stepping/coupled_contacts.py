@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.dense import inverse_of, solution
-from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated
+from jaxgrity.core.side_by_side import applied, contracted, for_many, while_any
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar
 from jaxgrity.stepping.blocks import Components
 from jaxgrity.stepping.ground_response import Contact, ground_impulse
@@ -108,12 +108,12 @@ def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
         return best, splitting, count + 1
 
     none = jnp.zeros(infinite.shape, int)
-    return repeated(unsolved, again, (Solved(start, infinite), splitting, none))[0]
+    return while_any(unsolved, again, (Solved(start, infinite), splitting, none))[0]
 
 
 def _repeat(whether: AnyArray, times: int, step: Callable, state: "_Splitting") -> "_Splitting":
     last = jnp.where(whether, times, 0)
-    return repeated(lambda c: c[0] < last, lambda c: (c[0] + 1, step(c[1])), (0 * last, state))[1]
+    return while_any(lambda c: c[0] < last, lambda c: (c[0] + 1, step(c[1])), (0 * last, state))[1]
 
 
 def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
@@ -152,7 +152,7 @@ def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
         return jax.tree.map(lambda new, old: jnp.where(now.error < best.error, new, old), now, best), z, count + 1
 
     none = jnp.zeros(many, int)
-    return repeated(going, step, (Solved(start, error(start)), start, none))[0]
+    return while_any(going, step, (Solved(start, error(start)), start, none))[0]
 
 
 def _slope(contact: Contact, z: NodeVectors) -> AnyArray:
@@ -169,7 +169,8 @@ class _Splitting(NamedTuple):
     """p, in the cones"""
     slip: NodeVectors
     """w + `_shift`, its multiplier"""
-    rho: Scalar
+    rho: AnyArray
+    """the penalty, a number"""
 
 
 def _prepared(problem: ContactProblem, state: _Splitting) -> _Splitting:
