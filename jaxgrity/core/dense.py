@@ -5,7 +5,8 @@ on busy cores (docs/performance.md). So larger matrices are eliminated in small 
 products of blocks are JAX's own.
 
 On CPUs JAX hands many systems at once to the same few threads that run its programs, and waits for them. Programs on
-two devices then wait for each other for ever. So many systems are solved one after the other there.
+two devices then wait for each other for ever. So many systems are solved one after the other there, or, where they
+come side by side (`side_by_side.py`), in vectors without LAPACK.
 """
 
 import itertools

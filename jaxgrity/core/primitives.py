@@ -17,7 +17,19 @@ from jaxgrity.core.arguments import check_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.making_primitives import linear_pair, primitive
 from jaxgrity.core.typed import check_same_shape, known_edges, known_rows
-from jaxgrity.core.types import AnyArray, AnyRows, Edges, MemberVectors, Mobility, NodeVectors, PerMember, Rows, Scalar
+from jaxgrity.core.types import (
+    AnyArray,
+    AnyMemberVectors,
+    AnyPerMember,
+    AnyRows,
+    Edges,
+    MemberVectors,
+    Mobility,
+    NodeVectors,
+    PerMember,
+    Rows,
+    Scalar,
+)
 
 
 def _ends(edges: Edges) -> np.ndarray:
@@ -150,7 +162,7 @@ def place_rows(x: Rows, rows: Sequence[int] | AnyArray, size: int) -> AnyRows:
     return _place_p.bind(x, rows=known, size=size)
 
 
-def dot(a: MemberVectors, b: MemberVectors) -> PerMember:
+def dot(a: AnyMemberVectors, b: AnyMemberVectors) -> AnyPerMember:
     """a·b, row by row."""
     check_same_shape("dot", a, b)
     return _dot_p.bind(a, b)
@@ -234,7 +246,7 @@ def _root_jvp(primals, tangents):
 
 
 @jax.custom_jvp
-def length(d: MemberVectors) -> PerMember:
+def length(d: AnyMemberVectors) -> AnyPerMember:
     """|d|, row by row. Its derivative at d = 0 is set to 0."""
     return jnp.sqrt(dot(d, d))
 
@@ -262,7 +274,7 @@ def inverse(x: PerMember) -> PerMember:
 
 # JAX's rule for `maximum` chooses between arrays without the population axis, and moves it to the front
 @jax.custom_jvp
-def positive_part(x: PerMember) -> PerMember:
+def positive_part(x: AnyPerMember) -> AnyPerMember:
     """max(0, x), with derivative 0 at x = 0."""
     return jnp.maximum(x, 0)
 

@@ -6,6 +6,8 @@ elementwise in the last axis, which a CPU does in vectors. JAX's own rules for m
 
 import itertools
 from collections.abc import Callable
+from functools import reduce
+from operator import add
 from typing import Any
 
 import jax
@@ -29,7 +31,7 @@ def contracted(axes: str, a: AnyArray, b: AnyArray) -> AnyArray:
     if not 0 < np.prod([len(each) for each in ranges]) <= WRITTEN_OUT:
         return jnp.einsum(f"{of_a}...,{of_b}...->{out}...", a, b)
     terms = (dict(zip(summed, numbers)) for numbers in itertools.product(*ranges))
-    return kept(sum(_at(a, of_a, out, term) * _at(b, of_b, out, term) for term in terms))
+    return kept(reduce(add, (_at(a, of_a, out, term) * _at(b, of_b, out, term) for term in terms)))
 
 
 def _at(x: AnyArray, axes: str, out: str, term: dict[str, int]) -> AnyArray:
@@ -60,10 +62,10 @@ def where_needed(needed: AnyArray, compute: Callable, otherwise: Any) -> Any:
     """`compute()` in the systems that need it, `otherwise` in others; not computed where none needs it."""
     # a loop, since a condition under `jax.vmap` computes both
     once = lambda state: (jnp.zeros_like(needed), compute())  # noqa: E731
-    return repeated(lambda state: state[0], once, (needed, otherwise))[1]
+    return while_any(lambda state: state[0], once, (needed, otherwise))[1]
 
 
-def repeated(unmet: Callable, step: Callable, state: Any) -> Any:
+def while_any(unmet: Callable, step: Callable, state: Any) -> Any:
     """`jax.lax.while_loop`, until the last system is done; each stays as it is once `unmet`, (systems...), is false."""
 
     def again(state):

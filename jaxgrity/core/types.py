@@ -16,7 +16,7 @@ Count = int | Int[AnyArray, ""]
 """Number of steps, of sweeps or of frames: an integer, or an input of a compiled program."""
 PerNode = Float[AnyArray, " nodes"]
 PerMember = Float[AnyArray, " members"]
-PerRow = Float[AnyArray, " rows"]
+PerRow = Float[AnyArray, "rows *population"]
 """One number per row of a block of nodes, or of struts."""
 Rows = Float[AnyArray, "rows *xyz"]
 AnyRows = Float[AnyArray, "members *xyz"]
@@ -29,6 +29,9 @@ AnyNodeVectors = Float[AnyArray, "nodes 3 *population"]
 Mobility = Float[AnyArray, "nodes nodes 3"]
 MassMatrix = Float[AnyArray, "coordinates coordinates"]
 MemberVectors = Float[AnyArray, "members 3"]
+AnyPerMember = Float[AnyArray, "members *population"]
+AnyMemberVectors = Float[AnyArray, "members 3 *population"]
+"""A number, or a vector, per member, of one robot or of many with the population last."""
 Vector = Float[AnyArray, "3 *population"]
 """One vector, of one robot or of many with the population last."""
 Times = Float[AnyArray, " frames"]

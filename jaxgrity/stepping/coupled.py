@@ -13,6 +13,8 @@ a light node snaps through between heavy ones. Then directions at the end of the
 projected on the constraints by iterations, as in Gauss and Newton's method. That has a solution, and loses some
 energy.
 
+On a CPU small problems are solved in vectors over many of them, the last axis of all arrays (`core/side_by_side.py`).
+
 Derivatives are those of the solution (implicit function theorem), in forward and in reverse mode.
 """
 
@@ -25,8 +27,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.dense import least_solution
-from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated, where_needed
-from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
+from jaxgrity.core.side_by_side import applied, contracted, for_many, where_needed, while_any
+from jaxgrity.core.types import AnyArray, AnyMemberVectors, AnyNodeVectors, AnyPerMember, AnyPerNode
 from jaxgrity.stepping.coupled_contacts import NORMAL, ContactProblem, as_impulses, solve_contacts
 from jaxgrity.stepping.coupled_problem import (
     Coupled,
@@ -59,32 +61,32 @@ a strut that turns more, an impulse along its first direction changes the length
 class Impulses(NamedTuple):
     """The impulses of one step, N s, and their error in the constraints."""
 
-    velocity: NodeVectors
+    velocity: AnyNodeVectors
     """w, m/s, after it, of the independent nodes"""
-    struts: MemberVectors
+    struts: AnyMemberVectors
     """(struts, 3), along x, y and z, on the first end of each; the opposite on the second"""
-    ground: MemberVectors
+    ground: AnyMemberVectors
     """p, along the ground's normal and tangents, of each contact: all nodes, or the balls, and struts"""
-    error: Scalar
+    error: AnyArray
     """m/s: the largest |w - w0 - A (f + p)|; contact and cone hold exactly"""
-    stretch: Scalar
+    stretch: AnyArray
     """the largest share of its length by which a strut is off"""
 
 
 class _Found(NamedTuple):
     """The state of the rounds."""
 
-    struts: MemberVectors
+    struts: AnyMemberVectors
     """(struts, 3), N s, on the first end of each"""
-    pulls: PerMember
+    pulls: AnyPerMember
     """the part of them along the directions of now: lambda, N s"""
-    trial: MemberVectors
+    trial: AnyMemberVectors
     """z of the contacts, (contacts, 3)"""
-    velocity: NodeVectors
+    velocity: AnyNodeVectors
     """w, m/s"""
-    error: Scalar
-    stretch: Scalar
-    along: Scalar
+    error: AnyArray
+    stretch: AnyArray
+    along: AnyArray
     """the smallest cosine of the angles by which struts turn within the step"""
 
 
@@ -139,7 +141,7 @@ def _rows(count: int, batched: Any, arrays: Any):
     return jax.tree.map(lambda many, x: x if many else jnp.broadcast_to(x, (count, *x.shape)), tuple(batched), arrays)
 
 
-def _complete(problem: Coupled, found: "_Found", u: MemberVectors, root_mass: PerNode) -> Impulses:
+def _complete(problem: Coupled, found: "_Found", u: AnyMemberVectors, root_mass: AnyPerNode) -> Impulses:
     """The solution with its derivatives, from what was found with the directions u of struts."""
     rest = found.struts - u * found.pulls[:, None]
     projected = jnp.any(jax.lax.stop_gradient(strut_directions(problem)) != u)
@@ -169,7 +171,7 @@ def _complete(problem: Coupled, found: "_Found", u: MemberVectors, root_mass: Pe
     return Impulses(w, f, p, found.error, found.stretch)
 
 
-def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Found, MemberVectors, AnyArray]:
+def _search(problem: Coupled, guess: AnyArray, near: AnyNodeVectors) -> tuple[_Found, AnyMemberVectors, AnyArray]:
     """The solution, the struts' directions u of the last round, and the roots of the masses that scale each contact."""
     (nodes, _, *many), dtype = problem.start.shape, problem.start.dtype
     free = response(problem, strut_directions(problem))[2]
@@ -208,7 +210,7 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
             return (inner[1].stretch > fine) & (inner[0] < most) & ~turned
 
         begun = found._replace(pulls=0 * found.pulls, stretch=infinite)
-        found = repeated(unmet, lambda s: (s[0] + 1, _round(problem, root_mass, parts, s[1])), (none, begun))[1]
+        found = while_any(unmet, lambda s: (s[0] + 1, _round(problem, root_mass, parts, s[1])), (none, begun))[1]
         # where the first directions led nowhere, projections begin anew, from the velocities `near`
         lost = (count == 0) & ~((found.stretch <= close) & (found.along > STEEPEST))
         return count + 1, jax.tree.map(lambda a, b: jnp.where(lost, a, b), start, found), parts.units
@@ -218,15 +220,15 @@ def _search(problem: Coupled, guess: AnyArray, near: NodeVectors) -> tuple[_Foun
         count, found, _ = state
         return (found.stretch > jnp.where(count == 1, close, fine)) & (count <= PROJECTIONS) & alive
 
-    _, found, u = repeated(unmet, attempt, (none, start, first.units))
+    _, found, u = while_any(unmet, attempt, (none, start, first.units))
     return found, u, root_mass
 
 
-def _round(problem: Coupled, root_mass: PerMember, parts: Elimination, found: _Found) -> _Found:
+def _round(problem: Coupled, root_mass: AnyPerMember, parts: Elimination, found: _Found) -> _Found:
     """Struts to their lengths, linearised about the present velocities, and the contacts solved with them."""
     w, acted = found.velocity, acted_on(problem, found.struts, jnp.zeros_like(found.trial))
-    base: NodeVectors = acted
-    wanted: PerMember = jnp.zeros_like(found.pulls)
+    base: AnyNodeVectors = acted
+    wanted: AnyPerMember = jnp.zeros_like(found.pulls)
     if problem.apart is not None:
         rates = contracted("sk,k->s", parts.J, (w - acted).reshape(parts.J.shape[1:]))
         wanted = rate_to_length(problem, parts.units, w) + rates
@@ -234,8 +236,8 @@ def _round(problem: Coupled, root_mass: PerMember, parts: Elimination, found: _F
         base = acted + applied(problem.A, pulled.reshape(w.shape))
     scale = root_mass[:, None]
     b = scale * in_frames(problem, base)
-    z: MemberVectors = -b
-    error: Scalar = jnp.zeros_like(found.error)
+    z: AnyMemberVectors = -b
+    error: AnyArray = jnp.zeros_like(found.error)
     if problem.contact is not None:
         tolerance, enough = (jnp.finfo(b.dtype).eps ** power * problem.speed for power in (0.75, 0.6))
         contact = scaled(problem.contact, root_mass)
@@ -246,7 +248,7 @@ def _round(problem: Coupled, root_mass: PerMember, parts: Elimination, found: _F
     f, pulls = found.struts, found.pulls
     if problem.reach is not None:
         w = base + applied(problem.A, from_frames(problem, p))
-    stretch: Scalar = jnp.zeros_like(error)
+    stretch: AnyArray = jnp.zeros_like(error)
     along = jnp.ones_like(error)
     if problem.apart is not None:
         reached = applied(problem.A, from_frames(problem, p)).reshape(parts.J.shape[1:])

@@ -21,8 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.dense import inverse_of, solution
-from jaxgrity.core.side_by_side import applied, contracted, for_many, repeated
-from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar
+from jaxgrity.core.side_by_side import applied, contracted, for_many, while_any
+from jaxgrity.core.types import AnyArray, AnyNodeVectors, AnyPerNode
 from jaxgrity.stepping.blocks import Components
 from jaxgrity.stepping.ground_response import Contact, ground_impulse
 
@@ -49,40 +49,40 @@ class ContactProblem(NamedTuple):
 
     G: AnyArray
     """(3 nodes, 3 nodes), symmetric, positive semidefinite: the response to impulses"""
-    b: NodeVectors
+    b: AnyNodeVectors
     """velocities without impulses"""
     contact: Contact
     """c and mu of each node"""
-    root_mass: PerNode
+    root_mass: AnyPerNode
     """by which velocities are multiplied here"""
-    tolerance: Scalar
+    tolerance: AnyArray
     """of H, m/s, that Newton's method aims at"""
-    enough: Scalar
+    enough: AnyArray
     """of H, m/s, that is good enough where it gets stuck: between very different masses rounding can be as much"""
 
 
 class Solved(NamedTuple):
     """The solution."""
 
-    trial: NodeVectors
+    trial: AnyNodeVectors
     """z"""
-    error: Scalar
+    error: AnyArray
     """the largest |H|, m/s: by how much the laws of motion are missed"""
 
 
-def as_impulses(contact: Contact, z: NodeVectors) -> NodeVectors:
+def as_impulses(contact: Contact, z: AnyNodeVectors) -> AnyNodeVectors:
     """P(z): the impulses of both laws, from trial impulses."""
     p = ground_impulse(contact, Components(z[:, 0], z[:, 1], z[:, 2]))
     return jnp.stack(p.each, axis=1)
 
 
-def missed(problem: ContactProblem, z: NodeVectors) -> NodeVectors:
+def missed(problem: ContactProblem, z: AnyNodeVectors) -> AnyNodeVectors:
     """H(z)."""
     p = as_impulses(problem.contact, z)
     return z - p + problem.b + applied(problem.G, p)
 
 
-def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
+def solve_contacts(problem: ContactProblem, start: AnyNodeVectors) -> Solved:
     """Trial impulses near `start` that solve the problem; without a solution the best, with their error."""
     infinite = jnp.full(start.shape[2:], jnp.inf, start.dtype)
     p = as_impulses(problem.contact, start)
@@ -108,15 +108,15 @@ def solve_contacts(problem: ContactProblem, start: NodeVectors) -> Solved:
         return best, splitting, count + 1
 
     none = jnp.zeros(infinite.shape, int)
-    return repeated(unsolved, again, (Solved(start, infinite), splitting, none))[0]
+    return while_any(unsolved, again, (Solved(start, infinite), splitting, none))[0]
 
 
 def _repeat(whether: AnyArray, times: int, step: Callable, state: "_Splitting") -> "_Splitting":
     last = jnp.where(whether, times, 0)
-    return repeated(lambda c: c[0] < last, lambda c: (c[0] + 1, step(c[1])), (0 * last, state))[1]
+    return while_any(lambda c: c[0] < last, lambda c: (c[0] + 1, step(c[1])), (0 * last, state))[1]
 
 
-def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
+def _newton(problem: ContactProblem, start: AnyNodeVectors) -> Solved:
     """Newton's method on H, each step with the length of least |H|; the best of all points."""
     (nodes, _, *many), size = start.shape, 3 * len(start)
     one, each = for_many(np.eye(size), start[0, 0]), for_many(np.eye(nodes), start[0, 0])
@@ -152,10 +152,10 @@ def _newton(problem: ContactProblem, start: NodeVectors) -> Solved:
         return jax.tree.map(lambda new, old: jnp.where(now.error < best.error, new, old), now, best), z, count + 1
 
     none = jnp.zeros(many, int)
-    return repeated(going, step, (Solved(start, error(start)), start, none))[0]
+    return while_any(going, step, (Solved(start, error(start)), start, none))[0]
 
 
-def _slope(contact: Contact, z: NodeVectors) -> AnyArray:
+def _slope(contact: Contact, z: AnyNodeVectors) -> AnyArray:
     """dP/dz, (nodes, 3, 3)."""
     units = jnp.broadcast_to(for_many(np.eye(3)[:, None], z[0, 0]), (3, *z.shape))
     along = jax.vmap(lambda unit: jax.jvp(lambda z: as_impulses(contact, z), (z,), (unit,))[1])(units)
@@ -165,11 +165,12 @@ def _slope(contact: Contact, z: NodeVectors) -> AnyArray:
 class _Splitting(NamedTuple):
     """The state of the alternating direction method."""
 
-    impulse: NodeVectors
+    impulse: AnyNodeVectors
     """p, in the cones"""
-    slip: NodeVectors
+    slip: AnyNodeVectors
     """w + `_shift`, its multiplier"""
-    rho: Scalar
+    rho: AnyArray
+    """the penalty, a number"""
 
 
 def _prepared(problem: ContactProblem, state: _Splitting) -> _Splitting:
@@ -177,14 +178,14 @@ def _prepared(problem: ContactProblem, state: _Splitting) -> _Splitting:
     return state._replace(slip=w + _shift(problem.contact, w), rho=jnp.ones_like(state.rho))
 
 
-def _shift(contact: Contact, w: NodeVectors) -> NodeVectors:
+def _shift(contact: Contact, w: AnyNodeVectors) -> AnyNodeVectors:
     """mu |w_t| - c along the normals: with it, velocities are in the dual cone of the impulses'."""
     mu = _friction(contact)
     higher = mu * jnp.sqrt(w[:, 1] ** 2 + w[:, 2] ** 2) - contact.closing
     return higher[:, None] * for_many(NORMAL, w[0, 0])
 
 
-def _friction(contact: Contact) -> PerNode:
+def _friction(contact: Contact) -> AnyPerNode:
     return jnp.zeros_like(contact.closing) if contact.mu is None else contact.mu * jnp.ones_like(contact.closing)
 
 
@@ -209,7 +210,7 @@ def _split(problem: ContactProblem, state: _Splitting) -> _Splitting:
     return _Splitting(p, w, rho * change)
 
 
-def onto_cone(x: NodeVectors, mu: PerNode) -> NodeVectors:
+def onto_cone(x: AnyNodeVectors, mu: AnyPerNode) -> AnyNodeVectors:
     """The nearest points of the cones |p_t| <= mu p_n; components are along the normal first."""
     normal, across = x[:, 0], jnp.sqrt(x[:, 1] ** 2 + x[:, 2] ** 2)
     height = (mu * across + normal) / (mu * mu + 1)

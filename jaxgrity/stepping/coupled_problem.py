@@ -8,7 +8,7 @@ import numpy as np
 from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import length
 from jaxgrity.core.side_by_side import applied, contracted, for_many
-from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, PerNode, Scalar
+from jaxgrity.core.types import AnyArray, AnyMemberVectors, AnyNodeVectors, AnyPerMember, AnyPerNode
 from jaxgrity.stepping.coupled_constraints import Constraints, Sliding
 from jaxgrity.stepping.coupled_contacts import as_impulses
 from jaxgrity.stepping.ground_response import Contact
@@ -23,7 +23,7 @@ class Coupled(NamedTuple):
 
     A: AnyArray
     """(3 nodes, 3 nodes), 1/kg, along x, y and z"""
-    start: NodeVectors
+    start: AnyNodeVectors
     ends: AnyArray
     apart: Any
     goal: Any
@@ -39,7 +39,7 @@ class Coupled(NamedTuple):
 class Elimination(NamedTuple):
     """The struts' part of the problem, for one choice of their directions."""
 
-    units: MemberVectors
+    units: AnyMemberVectors
     """u, (struts, 3), these directions"""
     J: AnyArray
     """(struts, 3 nodes)"""
@@ -57,21 +57,21 @@ def problem_of(constraints: Constraints) -> Coupled:
     return Coupled(A, start, ends, apart, goal, sliding, contact, frame, reach, speed)
 
 
-def in_frames(problem: Coupled, x: NodeVectors) -> MemberVectors:
+def in_frames(problem: Coupled, x: AnyNodeVectors) -> AnyMemberVectors:
     """Components along normals and tangents of vectors along x, y and z."""
     if problem.reach is not None:
         return contracted("bakj,kj->ba", problem.reach, x)
     return contracted("nak,nk->na", problem.frame, x)
 
 
-def from_frames(problem: Coupled, x: MemberVectors) -> NodeVectors:
+def from_frames(problem: Coupled, x: AnyMemberVectors) -> AnyNodeVectors:
     """Vectors along x, y and z of components along normals and tangents: impulses on nodes of those of contacts."""
     if problem.reach is not None:
         return contracted("bakj,ba->kj", problem.reach, x)
     return contracted("nak,na->nk", problem.frame, x)
 
 
-def vectors_after(problem: Coupled | Constraints, w: NodeVectors) -> MemberVectors:
+def vectors_after(problem: Coupled | Constraints, w: AnyNodeVectors) -> AnyMemberVectors:
     """d, (struts, 3), from the second end of each strut to the first at the end of the step, over h, m/s.
 
     Of a sliding node it is the way from its place on the line at the start.
@@ -79,7 +79,7 @@ def vectors_after(problem: Coupled | Constraints, w: NodeVectors) -> MemberVecto
     return problem.apart + contracted("sn,nk->sk", problem.ends, w)
 
 
-def rate_to_length(problem: Coupled, u: MemberVectors, w: NodeVectors) -> PerMember:
+def rate_to_length(problem: Coupled, u: AnyMemberVectors, w: AnyNodeVectors) -> AnyPerMember:
     """The change of the struts' rates, m/s, along their directions u, to right lengths."""
     d = vectors_after(problem, w)
     towards = jnp.sum(d * u, axis=1)
@@ -93,7 +93,7 @@ def rate_to_length(problem: Coupled, u: MemberVectors, w: NodeVectors) -> PerMem
     return jnp.concatenate([rates[:struts], -lengths_after(problem, w)[struts:]])
 
 
-def eliminated(problem: Coupled, root_mass: PerNode, u: MemberVectors) -> Elimination:
+def eliminated(problem: Coupled, root_mass: AnyPerNode, u: AnyMemberVectors) -> Elimination:
     """The parts of struts and contacts for the directions u, scaled by the roots of the masses."""
     contacts, nodes, many = len(root_mass), len(problem.start), root_mass.shape[1:]
     weight = jnp.repeat(root_mass, 3, axis=0)
@@ -107,7 +107,7 @@ def eliminated(problem: Coupled, root_mass: PerNode, u: MemberVectors) -> Elimin
     return Elimination(u, J, inverse, weight[:, None] * G * weight)
 
 
-def response(problem: Coupled, u: MemberVectors) -> tuple[AnyArray, AnyArray, AnyArray]:
+def response(problem: Coupled, u: AnyMemberVectors) -> tuple[AnyArray, AnyArray, AnyArray]:
     """J, (J A J^T)^-1, kg, and B, 1/kg: the nodes' motion by impulses at constant lengths of struts."""
     J = (problem.ends[:, :, None] * u[:, None]).reshape(len(u), *problem.A.shape[1:])
     if not len(J):
@@ -129,7 +129,7 @@ def inverse_of_responses(own: AnyArray) -> AnyArray:
     return inverse_of(own * scale[:, None] * scale + for_many(ridge, own[0, 0])) * scale[:, None] * scale
 
 
-def strut_directions(problem: Coupled, w: NodeVectors | None = None) -> MemberVectors:
+def strut_directions(problem: Coupled, w: AnyNodeVectors | None = None) -> AnyMemberVectors:
     """u, (struts, 3): the directions of the struts at the start of the step, or at its end with velocities w."""
     if problem.apart is None:
         return jnp.zeros((0, *problem.start.shape[1:]), problem.start.dtype)
@@ -141,7 +141,7 @@ def strut_directions(problem: Coupled, w: NodeVectors | None = None) -> MemberVe
     return jnp.concatenate([u, sliding.across if w is None else _across(sliding, w)])
 
 
-def lengths_after(problem: Coupled | Constraints, w: NodeVectors) -> PerMember:
+def lengths_after(problem: Coupled | Constraints, w: AnyNodeVectors) -> AnyPerMember:
     """|d| at the end of the step, over h, m/s; of sliding nodes how far they are beside their line."""
     d = vectors_after(problem, w)
     found = length(_of_struts(problem, d))
@@ -150,7 +150,7 @@ def lengths_after(problem: Coupled | Constraints, w: NodeVectors) -> PerMember:
     return jnp.concatenate([found, jnp.sum(d[len(found) :] * _across(problem.sliding, w), axis=1)])
 
 
-def stretch_after(problem: Coupled, w: NodeVectors) -> Scalar:
+def stretch_after(problem: Coupled, w: AnyNodeVectors) -> AnyArray:
     """The largest share of its length, or that of its line, by which a strut, or a sliding node, is off."""
     lengths = _of_struts(problem, problem.goal)
     if problem.sliding is not None:
@@ -163,7 +163,7 @@ def _of_struts(problem: Coupled | Constraints, rows: AnyArray) -> AnyArray:
     return rows if problem.sliding is None else rows[: len(rows) - len(problem.sliding.across)]
 
 
-def _across(sliding: Sliding, w: NodeVectors) -> MemberVectors:
+def _across(sliding: Sliding, w: AnyNodeVectors) -> AnyMemberVectors:
     """The directions across each line at the end of the step with velocities w, each in the plane of u and its n."""
     line = sliding.line + sliding.ends @ w
     turned = jnp.sum(line * sliding.across, axis=1) / jnp.sum(line * sliding.along, axis=1)
@@ -171,7 +171,9 @@ def _across(sliding: Sliding, w: NodeVectors) -> MemberVectors:
     return m / length(m)[:, None]
 
 
-def contact_of(problem: Coupled, root_mass: PerNode, z: MemberVectors) -> tuple[MemberVectors, MemberVectors]:
+def contact_of(
+    problem: Coupled, root_mass: AnyPerNode, z: AnyMemberVectors
+) -> tuple[AnyMemberVectors, AnyMemberVectors]:
     """w, m/s, along x, y and z, and p, N s, along normal and tangents, of trial impulses z.
 
     Where not all nodes touch, w is that of the points of contact, along normal and tangents.
@@ -188,11 +190,11 @@ def contact_of(problem: Coupled, root_mass: PerNode, z: MemberVectors) -> tuple[
     return w if problem.reach is not None else from_frames(problem, w), p * scale
 
 
-def scaled(contact: Contact, root_mass: PerNode) -> Contact:
+def scaled(contact: Contact, root_mass: AnyPerNode) -> Contact:
     """The contacts of velocities times the roots of the masses."""
     return contact._replace(closing=contact.closing * root_mass)
 
 
-def acted_on(problem: Coupled, pulls: MemberVectors, p: AnyArray) -> NodeVectors:
+def acted_on(problem: Coupled, pulls: AnyMemberVectors, p: AnyArray) -> AnyNodeVectors:
     """w0 + A (f + p), m/s, with f of the impulses of struts, (struts, 3), N s, on their first ends."""
     return problem.start + applied(problem.A, contracted("sn,sk->nk", problem.ends, pulls) + from_frames(problem, p))

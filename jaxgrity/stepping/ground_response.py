@@ -19,7 +19,7 @@ import jax.numpy as jnp
 
 from jaxgrity.core.elementwise import inverse_root
 from jaxgrity.core.primitives import positive_part
-from jaxgrity.core.types import PerRow, Scalar
+from jaxgrity.core.types import AnyArray, PerRow, Scalar
 from jaxgrity.stepping.blocks import Components
 
 SLOWEST = 1e-10
@@ -133,7 +133,7 @@ def _against(contact: Contact, trial: Components) -> Components:
     return Components(trial.normal, trial.first + first, trial.second + second)
 
 
-def _share(mu: PerRow | Scalar, pressed: PerRow, size_squared: PerRow) -> PerRow:
+def _share(mu: Scalar | AnyArray, pressed: PerRow, size_squared: PerRow) -> PerRow:
     """min(1, mu p_n/|z_t|): 1 where a node sticks, 0 without normal pressure."""
     return jnp.minimum(1, mu * pressed * inverse_root(size_squared))
 

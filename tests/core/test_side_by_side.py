@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxgrity.core.dense import inverse_of, solution
-from jaxgrity.core.side_by_side import applied, contracted, repeated, where_needed
+from jaxgrity.core.side_by_side import applied, contracted, where_needed, while_any
 
 
 def many_systems(size, condition):
@@ -77,7 +77,7 @@ def test_a_vector_in_rows_is_multiplied_in_rows():
 
 def test_each_system_stays_once_it_is_done():
     """Also where further systems are mapped by JAX."""
-    halved = lambda x: repeated(lambda x: x > 1, lambda x: x / 2, x)  # noqa: E731
+    halved = lambda x: while_any(lambda x: x > 1, lambda x: x / 2, x)  # noqa: E731
     x = jnp.array([0.7, 3.0, 20.0])
     wanted = [0.7, 0.75, 0.625]
     np.testing.assert_array_equal(halved(x), wanted)
