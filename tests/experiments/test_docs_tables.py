@@ -25,7 +25,7 @@ BLOCKS = {
     "docs/files.md": 1,
     "docs/gaits.md": 1,
     "docs/gait_records.md": 19,
-    "docs/accuracy.md": 13,
+    "docs/accuracy.md": 14,
     "docs/terrain.md": 2,
     "docs/performance.md": 6,
     "docs/scaling.md": 3,
