@@ -31,7 +31,7 @@ from jaxgrity import (
     simulate_population,
 )
 from jaxgrity.model import rest_length
-from jaxgrity.stepping import coupled, coupled_contacts, discretise, integrate, resolve
+from jaxgrity.stepping import coupled_contacts, discretise, integrate, resolve
 from jaxgrity.stepping.coupled_contacts import onto_cone
 from jaxgrity.stepping.ground_response import Contact
 
@@ -423,28 +423,3 @@ def test_float32_stays_float32(structure):
     assert [str(each.positions.dtype) for each in moved] == ["float32", "float64"]
     assert not any(each.failed for each in moved)
     np.testing.assert_allclose(moved[0].positions, moved[1].positions, atol=1e-4)
-
-
-def test_a_failed_robot_keeps_none_beside_it_waiting(monkeypatch):
-    """It takes no more rounds than the others, whose motion is that without it."""
-    rounds, one = [], coupled._round
-
-    def counted(*state):
-        jax.debug.callback(lambda: rounds.append(1))
-        return one(*state)
-
-    monkeypatch.setattr(coupled, "_round", counted)
-    scene = on_ground(rods([[0, 0, 0.01], [0.6, 0, 0.5]], [(0, 1)], [1.0]), 0.5, ACTUATED)
-    gaits, options = gaits_of(scene.gait, np.zeros((2, 1))), SolverOptions(dt=5e-3)
-    found = []
-    for speed in (0.1, 1e200):
-        jax.clear_caches()
-        rounds.clear()
-        velocities = np.stack([np.full((2, 3), 0.1), np.full((2, 3), speed) * [[1], [-1]]])
-        ends = simulate_population(scene, gaits, 0.05, options=options, differences=Differences(velocities=velocities))
-        jax.effects_barrier()
-        found.append((ends.positions[0], int(ends.failure[1] != 0), len(rounds)))
-    (alone, _, few), (beside, failed, more) = found
-    assert failed
-    np.testing.assert_allclose(beside, alone, rtol=0, atol=1e-12)
-    assert more <= 2 * few
