@@ -63,20 +63,25 @@ def _read(settings: ConvertSettings) -> Imported:
 
 def ends_words(scene: Scene, source: str) -> str:
     """What it changes to put the mass of members at their ends, in words. Raises `InputError` where none has mass."""
-    parts = []
-    for name, members, _ in scene.structure.numbered:
-        if members.mass is not None:
-            mass, length = np.asarray(members.mass, float), np.asarray(members.rest_length, float)
-            whole = int(np.argmax(mass * length**2))
-            m, L = float(mass[whole]), float(length[whole])
-            before, after = (in_digits(m * L**2 / part, 3) for part in (12, 4))
-            parts.append(
-                f"of {np.count_nonzero(mass)} {name}, with up to {in_digits(m, 3)} kg: a moment of inertia of {after} "
-                f"kg m^2 about the centre in place of {before}"
-            )
+    structure, parts = scene.structure, []
+    for name, members, _ in structure.numbered:
+        if members.mass is None or not np.any(members.mass):
+            continue
+        mass, lengths = np.asarray(members.mass, float), np.asarray(members.rest_length, float)
+        ends = np.asarray(structure.node_mass, float)[np.asarray(members.edges)]
+        whole = mass + ends.sum(axis=1)
+        # about the centre of mass, with the masses of the end nodes: a uniform member has m L^2/6 less
+        after = (ends[:, 0] + mass / 2) * (ends[:, 1] + mass / 2) / whole * lengths**2
+        k = int(np.argmax(whole))
+        found, known = (in_digits(float(x), 3) for x in (after[k], after[k] - mass[k] * lengths[k] ** 2 / 6))
+        parts.append(
+            f"{np.count_nonzero(mass)} {name} have their mass at their ends now. The heaviest has "
+            f"{in_digits(float(whole[k]), 3)} kg with its ends, and a moment of inertia of {found} kg m^2 about its "
+            f"centre of mass in place of {known}"
+        )
     if not parts:
         raise InputError(f"--mass-at-ends: no member of {source} has a mass of its own; expected rods with mass")
-    return f"mass at the ends, half at each, m L^2/4 in place of m L^2/12; {'; '.join(parts)}"
+    return "; ".join(parts)
 
 
 def counts(scene: Scene) -> str:

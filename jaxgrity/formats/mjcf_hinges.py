@@ -9,12 +9,9 @@ from jaxgrity.formats.foreign import Losses
 from jaxgrity.formats.links import Link, LinkJoint
 from jaxgrity.formats.mjcf_joints import Joint, Shared, own_nodes
 from jaxgrity.formats.mjcf_losses import name_of, watched
-from jaxgrity.model.hinges import HingeDampers, HingeSprings, hinge_angles
+from jaxgrity.model.hinges import OFF_AXIS, HingeDampers, HingeSprings, hinge_angles
 from jaxgrity.model.laws import Law
 from jaxgrity.model.scene import Scene
-
-OFF_AXIS = 1e-6
-"""Distance from a hinge's axis, as a share of its length, within which nodes say nothing about the angle."""
 
 
 def with_nodes_of_the_world(

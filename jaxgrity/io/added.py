@@ -46,6 +46,8 @@ def with_added_parts(tables: Sequence[AddedTable], structure: StructureTable, ro
             if table.mass is None:
                 raise InputError(f"added[{k}].mass: missing; expected the mass of each node, kg")
             raise InputError(f"added[{k}].mass = {table.mass:g}: it adds no nodes; expected none")
+        if not table.cables and (key := next((key for key in OWN if getattr(table, key) is not None), None)):
+            raise InputError(f"added[{k}].{key} = {getattr(table, key):g}: it adds no cables; expected none")
         if table.nodes:
             nodes = np.concatenate([nodes, middle + np.array(table.nodes, float)])
         check_edges(nodes, (), tuple(table.cables), f"added[{k}]")

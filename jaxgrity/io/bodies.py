@@ -9,7 +9,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors, Supports
 from jaxgrity.io.table_types import NotNegative, Number, Pair, Positive, Table
 from jaxgrity.model.bodies import Bodies, Body, body_moments, rigid_body
-from jaxgrity.model.hinges import HingeDampers, HingeSprings, hinge_angles
+from jaxgrity.model.hinges import OFF_AXIS, HingeDampers, HingeSprings, hinge_angles
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.slides import Slides, slides_of
 
@@ -56,6 +56,13 @@ def build_hinges(tables: list[HingeTable], nodes: np.ndarray) -> tuple[HingeSpri
             raise InputError(f"hinges[{k}]: expected stiffness (N m/rad), damping (N m s/rad), or both")
         if max(table.nodes) >= len(nodes):
             raise InputError(f"hinges[{k}].nodes = {list(table.nodes)}: expected nodes from 0 to {len(nodes) - 1}")
+        a, p, q, b = np.asarray(nodes, float)[list(table.nodes)]
+        beside = min(np.linalg.norm(np.cross(x - p, q - p)) for x in (a, b))
+        if len({*table.nodes}) == len(table.nodes) and beside <= OFF_AXIS * (q - p) @ (q - p):
+            raise InputError(
+                f"hinges[{k}].nodes = {list(table.nodes)}: the first or the last lies on the axis through the middle "
+                "two; expected both beside it"
+            )
     found: list[HingeSprings | HingeDampers] = []
     if sprung := [table for table in tables if table.stiffness is not None]:
         rows = tuple(table.nodes for table in sprung)

@@ -145,7 +145,8 @@ def force_keys(law: Law) -> dict[str, Any]:
     if type(law) is CableDampers:
         return {"damper": one_or_all(law.damping)}
     if type(law) is CommandedPull:
-        return {"pull": one_or_all(law.pull), "pull_slope": one_or_all(law.slope)}
+        factors = 1.0 if law.factors is None else law.factors
+        return {"pull": one_or_all(factors * law.pull), "pull_slope": one_or_all(factors * law.slope)}
     return {}
 
 

@@ -15,6 +15,8 @@ from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, Moti
 
 Hinges = tuple[tuple[int, int, int, int], ...]
 """Four nodes of each hinge: one of the first part, two on the axis, and one of the second part."""
+OFF_AXIS = 1e-6
+"""Least distance of a hinge's first and last node from its axis, in lengths of the axis; nearer, there is no angle."""
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 

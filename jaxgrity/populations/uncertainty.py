@@ -59,7 +59,7 @@ class Differences(eqx.Module):
     friction: Float[AnyArray, "*population"] | None = _numbers()
     """factor of mu; with the Coulomb switch, of both coefficients"""
     cable_stiffness: Float[AnyArray, "*population cables"] | None = _numbers()
-    """factor of the stiffness; 0 for a broken cable, whose damping is then 0 too"""
+    """factor of the stiffness; 0 for a broken cable, whose damping is then 0 too. A commanded pull stays"""
     cable_damping: Float[AnyArray, "*population cables"] | None = _numbers()
     cable_rest_length: Float[AnyArray, "*population cables"] | None = _numbers()
     node_mass: Float[AnyArray, "*population nodes"] | None = _numbers()

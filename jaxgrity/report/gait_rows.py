@@ -18,7 +18,7 @@ from jaxgrity.search.promotion import multiplier_words, orbit_words
 def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
     """How fast and how straight, how sure, and what it asks of actuators: what a reader should know first."""
     steady, asked = summary["steady"], summary["actuators"]
-    needs = "An actuator needs up to {}, {} and {}.".format(*peaks(asked))
+    needs = "An actuator needs up to {}, {} and {}, with the start.".format(*peaks(asked))
     if steady is None:
         return f"The robot goes {distance_words(summary)}.", needs
     if not steady["settled"]:
@@ -33,10 +33,17 @@ def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
     side = "" if abs(turning) <= error or not np.isfinite(error) else f" to the {'left' if turning > 0 else 'right'}"
     return (
         f"The robot moves at {speed} and turns by {turn} per {'body length' if travels else 'second'}{side}.",
-        f"The speed of {counted_robots(own['robots'])} is {mean_of_robots(own, 'm/s')}, and on the other contact model "
-        f"{mean_of_robots(other, 'm/s', 'speed')}.",
+        f"The speed of {counted_robots(own['robots'])} is {_in_lengths(own, size, 'mean')}, and on the other contact "
+        f"model {_in_lengths(other, size, 'speed')}.",
         needs,
     )
+
+
+def _in_lengths(robots: dict[str, Any], size: float, mean: str) -> str:
+    """A mean speed of perturbed robots, m/s, in body lengths of `size`, m."""
+    known = (mean, "standard_error", "standard_deviation")
+    scaled = {name: None if robots[name] is None else robots[name] / size for name in known}
+    return mean_of_robots({**robots, **scaled}, "body lengths per second", mean)
 
 
 def peaks(asked: dict[str, Any]) -> tuple[str, str, str]:

@@ -153,7 +153,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
         if isinstance(term, EnergyTerm):
             raise InputError(
                 f"{term.name}: the report on a structure knows linear springs alone; expected a scene without, or "
-                "`resting_shape` and `vibration_modes`, which know all of U"
+                "`resting_shape` and `vibration_modes`, which know all of U; `jaxgrity simulate` shows how it settles"
             )
     check_no_slides(scene, "inspect_structure")
     given = np.asarray(structure.nodes, float)

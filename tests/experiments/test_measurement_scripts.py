@@ -296,7 +296,9 @@ def test_the_largest_steps_of_known_scenes_have_a_reason():
     """Of every explicit method on the reference scene, and of complementarity stepping on the exact one."""
     limits = stability.known_limits()
     known = {(row["scene"], row["method"]): row for row in limits}
-    assert set(known) == {("reference", name) for name in ("rk4", "tsit5", "dopri8")} | {("exact", "complementarity")}
+    assert set(known) == {("reference", name) for name in ("rk4", "tsit5", "dopri8")} | {
+        ("exact", name) for name in ("complementarity", "complementarity2")
+    }
     assert known["reference", "rk4"]["step"] == pytest.approx(1.36e-3, rel=0.01)
     assert known["reference", "rk4"]["set_by"].startswith("friction at node")
     assert known["exact", "complementarity"]["set_by"].startswith("cable")

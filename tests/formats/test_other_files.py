@@ -4,13 +4,14 @@ import dataclasses
 from dataclasses import replace
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
 from jaxgrity import InputError, load_scene, parse_scene, scene_text, simulate
-from jaxgrity.cli.convert import ConvertSettings, main
+from jaxgrity.cli.convert import ConvertSettings, ends_words, main
 from jaxgrity.formats import (
     FORMATS,
     load_trajectory,
@@ -352,10 +353,17 @@ def test_the_command_puts_mass_at_the_ends(tmp_path, capsys):
     assert rods.structure.mass == pytest.approx(9.0)
     main(ConvertSettings(str(tmp_path / "rods.toml"), tmp_path / "light.toml", mass_at_ends=True))
     said = capsys.readouterr().out
-    assert "6 struts, with up to 1.5 kg: a moment of inertia of 0.375 kg m^2 about the centre in place of 0.125" in said
+    assert "6 struts have their mass at their ends now. The heaviest has 1.5 kg with its ends, and a moment of" in said
+    assert "a moment of inertia of 0.375 kg m^2 about its centre of mass in place of 0.125\n" in said
     light = load_scene(tmp_path / "light.toml").structure
     np.testing.assert_allclose(light.node_mass, 0.75)
     assert light.struts.mass is None
+    heavier = rods.structure.node_mass + np.array([1.0, 3.0] * 6)  # the centre is at 3.75/5.5 of a rod of 1 m
+    told = ends_words(eqx.tree_at(lambda s: s.structure.node_mass, rods, heavier), "rods.toml")
+    before, at = 1.5 / 12, 3.75 / 5.5
+    before += 1.5 * (at - 0.5) ** 2 + 1.0 * at**2 + 3.0 * (1 - at) ** 2
+    assert f"5.5 kg with its ends, and a moment of inertia of {1.75 * 3.75 / 5.5:.3g} kg m^2" in told
+    assert told.endswith(f"in place of {before:.3g}")
     with pytest.raises(InputError, match=r"--mass-at-ends: no member of .*light.toml has a mass of its own; expected"):
         main(ConvertSettings(str(tmp_path / "light.toml"), tmp_path / "again.toml", mass_at_ends=True))
 

@@ -87,6 +87,7 @@ def test_kinds_of_rigid_bodies_get_them_too():
         ("cables = [[3, 6]]", "cables = [[6, 1]]", "added[1].cables[0] = [6, 1]: a member joins these nodes already"),
         ("cables = [[3, 6]]", "", "added[1]: adds nothing; expected nodes, cables or both"),
         ("cables = [[3, 6]]", "mass = 1.0\ncables = [[3, 6]]", "added[1].mass = 1: it adds no nodes; expected none"),
+        ("cables = [[3, 6]]", "nodes = [[0, 0, 1]]\nmass = 1", "added[1].stiffness = 100: it adds no cables"),
         ("mass = 0.5", "", "added[0].mass: missing; expected the mass of each node, kg"),
         ("mass = 0.5", "mass = -1", "added[0].mass = -1: expected a number >= 0"),
         ("mass = 0.5", "mass = 0", "structure.node_mass[6] = 0: no member there has mass either"),

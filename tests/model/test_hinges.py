@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from jaxgrity import InputError, load_scene, parse_scene, save_scene, scene_text, with_terms
+from jaxgrity.io.bodies import HingeTable, build_hinges
 from jaxgrity.model.hinges import HingeDampers, HingeSprings, hinge_angles
 
 HINGE = (0, 1, 2, 3)
@@ -78,3 +79,11 @@ def test_bad_hinges_are_refused(old, new, words):
         parse_scene(scene_text("exact") + KEYS.replace(old, new))
     with pytest.raises(InputError, match="hinges name node 12; expected 0 to 11"):
         with_terms(load_scene("exact"), HingeDampers(((0, 1, 2, 12),), [1.0]))
+
+
+@pytest.mark.parametrize("nodes", [(0, 1, 2, 3), (3, 1, 2, 0), (0, 1, 4, 3)])
+def test_hinges_need_nodes_beside_their_axis(nodes):
+    """On it, or about an axis without a length, there is no angle."""
+    table = HingeTable(nodes=nodes, stiffness=1.0)
+    with pytest.raises(InputError, match="the first or the last lies on the axis through the middle two"):
+        build_hinges([table], np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [1, 0, 0]]))

@@ -333,17 +333,19 @@ def test_the_rows_say_how_sure_each_direction_is():
 
 def test_sentences_say_what_to_know_first():
     """How fast and straight, how sure, what actuators must give; without an orbit how far, or that there is none."""
-    needs = "An actuator needs up to 275 N, 0.99 m/s and 143 W."
+    needs = "An actuator needs up to 275 N, 0.99 m/s and 143 W, with the start."
     known = {"steady": {**STEADY, "body_length": 1.0, "turning": -0.1}, "actuators": ACTUATORS}
     sure = leading_sentences({**known, "steady": {**STEADY, "turning": -1e-3}})[0]
     assert sure.endswith("turns by 0.1 ± 0.2° per body length.")  # to a side that is not known
     assert leading_sentences(known) == (
         "The robot moves at 0.886 ± 0.004 body lengths per second and turns by 6.5 ± 0.2° per body length to the "
         "right.",
-        "The speed of 128 perturbed robots is 0.82 ± 0.02 m/s (standard deviation 0.14), and on the other contact "
-        "model 0.81 ± 0.03 m/s (standard deviation 0.18).",
+        "The speed of 128 perturbed robots is 0.82 ± 0.02 body lengths per second (standard deviation 0.14), and on "
+        "the other contact model 0.81 ± 0.03 body lengths per second (standard deviation 0.18).",
         needs,
     )
+    half = leading_sentences({**known, "steady": {**known["steady"], "body_length": 0.5}})[1]
+    assert half.startswith("The speed of 128 perturbed robots is 1.65 ± 0.05 body lengths per second (standard dev")
     on_the_spot = {**known["steady"], "body_lengths_per_second": 0.0, "speed_error_bar": 1e-4, "turning": -0.5}
     told = (
         "The robot moves at 0.0000 ± 0.0001 body lengths per second and turns by 28.6 ± 0.2° per second to the right."

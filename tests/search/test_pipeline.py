@@ -233,7 +233,7 @@ def test_a_gait_whose_orbit_attracts_comes_first(config, whole, monkeypatch):
     told = lambda scene, gaits, dt: np.where(np.arange(len(gaits.phase)) % 2, 0.5, 1.5)  # noqa: E731
     monkeypatch.setattr("jaxgrity.search.promotion.orbit_multipliers", told)
     found, fitness = whole.result, evaluating(config, objective=SteadilySideways()).evaluation.fitness()
-    problem, silent = found.problem._replace(fitness=fitness), lambda done, total, facts: None
+    problem, silent = found.problem._replace(fitness=fitness), lambda *_: None
     promoted = promote(problem, config.evaluation.bounds, found.levels, found.searches[0], config, silent)
     attracts = promoted.multipliers < 1
     assert set(attracts) == {True, False}
