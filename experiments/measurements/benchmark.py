@@ -26,6 +26,7 @@ from jaxgrity.stepping import resolve
 STEPS = {
     "rk4": (1e-3, 5e-4, 2e-4),
     "complementarity": (3e-2, 2e-2, 1.4e-2, 1e-2, 8e-3, 5e-3, 2e-3, 1e-3),
+    "complementarity2": (3e-2, 2e-2, 1.4e-2, 1e-2, 8e-3, 5e-3, 2e-3, 1e-3),
     "limit": (1e-3, 5e-4, 2e-4),
     "exact": (3e-2, 2e-2, 1.4e-2, 1e-2, 8e-3, 5e-3, 2e-3, 1e-3),
     "mujoco Euler": (4e-3, 3e-3, 2e-3, 1e-3, 8e-4, 5e-4, 2e-4),
@@ -33,7 +34,14 @@ STEPS = {
     "mujoco MJX Euler": (1e-3,),
 }
 """s"""
-CONVERGED = {"rk4": 5e-5, "complementarity": 1e-4, "limit": 5e-5, "exact": 5e-5, "mujoco": 5e-5}
+CONVERGED = {
+    "rk4": 5e-5,
+    "complementarity": 1e-4,
+    "complementarity2": 1e-4,
+    "limit": 5e-5,
+    "exact": 5e-5,
+    "mujoco": 5e-5,
+}
 """s"""
 TARGETS = (1e-2, 2e-3)
 """m, at which rollouts per second are compared"""
@@ -50,6 +58,8 @@ WRITTEN = {
     "mujoco RK4": "MuJoCo, RK4",
 }
 """What engines of others are called in tables."""
+DRAWN = {"rk4": "RK4", "complementarity": "exact contact", "complementarity2": "complementarity2"}
+"""What the library's methods are called in the figure."""
 
 
 class Point(NamedTuple):
@@ -273,7 +283,7 @@ def figure(record: Record, chart: Figure) -> None:
     """Error against wall time, a line for each engine and precision."""
     axes = chart.subplots()
     looks = {name: (f"C{k}", marker) for k, (name, marker) in enumerate(zip(STEPS, plot.MARKERS))}
-    names = {"rk4": "jaxgrity, RK4", "complementarity": "jaxgrity, exact contact", **WRITTEN}
+    names = {name: f"jaxgrity, {words}" for name, words in DRAWN.items()} | WRITTEN
     for line, found in record["lines"].items():
         name, _, dtype = line.rpartition(" ")
         colour, marker = looks[name]

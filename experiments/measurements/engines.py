@@ -36,7 +36,8 @@ def engines(scenes: dict[str, Scene], phases: np.ndarray, duration: float, mujoc
     """All that can run here, MuJoCo and MJX if they are asked for."""
     found, count = [], len(phases)
     for dtype in ("float32", "float64"):
-        for method, scene in (("rk4", scenes["reference"]), ("complementarity", scenes["exact"])):
+        contacts = (("rk4", "reference"), ("complementarity", "exact"), ("complementarity2", "exact"))
+        for method, scene in ((method, scenes[name]) for method, name in contacts):
             found.append(Engine(method, dtype, partial(ours, scene, phases, duration, method, dtype), count))
         if (programs := limit.programs()) is not None:
             for name, scene, sweeps in (("limit", scenes["reference"], None), ("exact", scenes["exact"], C_SWEEPS)):

@@ -207,7 +207,8 @@ def test_benchmark_measures(tmp_path):
     """Without MuJoCo it measures what is here, and C where there is a compiler; the NumPy loop agrees."""
     facts = quick("benchmark", tmp_path, "--gaits", 8, "--duration", 0.8)
     measured = {(p["engine"], p["dtype"]) for p in facts["points"]}
-    own = {(engine, dtype) for engine in ("rk4", "complementarity") for dtype in ("float32", "float64")}
+    methods = ("rk4", "complementarity", "complementarity2")
+    own = {(engine, dtype) for engine in methods for dtype in ("float32", "float64")}
     assert own <= measured
     assert {engine for engine, _ in measured - own} == ({"limit", "exact"} if compiles_c() else set())
     assert facts["numpy_off"] < 1e-12
