@@ -132,7 +132,8 @@ def _search_robots(count: int, batched: Any, *problem):
 def _search_parts_of_robots(count: int, batched: Any, *problems):
     rows = _rows(count, batched, problems)
     parts = len(problems[-1][0]) if batched[-1] else len(problems[-1])
-    found = _search_many(*jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), rows))
+    # not -1: there may be no struts
+    found = _search_many(*jax.tree.map(lambda x: x.reshape(count * parts, *x.shape[2:]), rows))
     return jax.tree.map(lambda x: x.reshape(count, parts, *x.shape[1:]), found), jax.tree.map(lambda _: True, found)
 
 

@@ -61,7 +61,7 @@ REPORTS: dict[str, dict[str, tuple]] = {
     "Orbit": {
         "period": TIME, "speed": SPEED, "standard_error": SPEED, "turning": RATE, "velocity": SPEED,
         "residual": LENGTH, "settled_after": TIME, "windows": SPEED, "verified_for": TIME, "body_length": LENGTH,
-        "window": TIME,
+        "window": TIME, "scene_time": TIME,
     },
     "Stability": {"spread": LENGTH},
 }  # fmt: skip

@@ -9,14 +9,19 @@ import pytest
 
 from jaxgrity import (
     ConeFriction,
+    Differences,
     ExactGround,
+    Gait,
     Members,
     Scene,
     SolverOptions,
     Structure,
     edge_lengths,
     final_state,
+    gaits_of,
     simulate,
+    simulate_population,
+    with_gait,
 )
 from jaxgrity.model import Balls, rigid_body
 from jaxgrity.stepping import resolve
@@ -148,3 +153,17 @@ def test_parts_stay_in_single_precision():
     assert str(single.positions.dtype) == "float32"
     assert not single.failed
     np.testing.assert_allclose(single.positions, double.positions, rtol=0, atol=1e-4)
+
+
+@pytest.mark.slow
+def test_robots_whose_parts_have_no_rigid_struts():
+    """Side by side they move as one alone: rods with mass are springs here."""
+    scene = crossed()
+    struts = dataclasses.replace(scene.structure.struts, stiffness=np.full(2, 1e4), damping=np.full(2, 5.0))
+    scene = dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, struts=struts))
+    higher = Differences(positions=scene.structure.nodes + np.array([[[0.0, 0, 0]], [[0, 0, 0.1]]]))
+    options = SolverOptions(dt=1e-3, any_step=True, coupled=True)
+    gait = Gait((2,), [0.0], [0.1], [2.0], 0.0, 0.01)
+    both = simulate_population(scene, gaits_of(gait, np.zeros((2, 1))), 0.1, options=options, differences=higher)
+    alone = simulate(with_gait(scene, gait), 0.1, options=options)
+    np.testing.assert_allclose(both.positions[0], alone.positions[-1], rtol=0, atol=1e-12)
