@@ -230,7 +230,7 @@ class SteadilySideways(Sideways):
 
 def test_a_gait_whose_orbit_attracts_comes_first(config, whole, monkeypatch):
     """Before those that are worth more by their robots, whose orbit repels, or that settle on none."""
-    told = lambda scene, gaits, dt: np.where(np.arange(len(gaits.phase)) % 2, 0.5, 1.5)  # noqa: E731
+    told = lambda scene, gaits, *_: np.where(np.arange(len(gaits.phase)) % 2, 0.5, 1.5)  # noqa: E731
     monkeypatch.setattr("jaxgrity.search.promotion.orbit_multipliers", told)
     found, fitness = whole.result, evaluating(config, objective=SteadilySideways()).evaluation.fitness()
     problem, silent = found.problem._replace(fitness=fitness), lambda *_: None
