@@ -18,7 +18,7 @@ from jaxgrity.search.promotion import multiplier_words, orbit_words
 def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
     """How fast and how straight, how sure, and what it asks of actuators: what a reader should know first."""
     steady, asked = summary["steady"], summary["actuators"]
-    needs = "An actuator needs up to {}, {} and {}, with the start.".format(*peaks(asked))
+    needs = "An actuator needs up to {}, {} and {}, the start included.".format(*peaks(asked))
     if steady is None:
         return f"The robot goes {distance_words(summary)}.", needs
     if not steady["settled"]:

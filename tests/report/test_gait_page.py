@@ -333,7 +333,7 @@ def test_the_rows_say_how_sure_each_direction_is():
 
 def test_sentences_say_what_to_know_first():
     """How fast and straight, how sure, what actuators must give; without an orbit how far, or that there is none."""
-    needs = "An actuator needs up to 275 N, 0.99 m/s and 143 W, with the start."
+    needs = "An actuator needs up to 275 N, 0.99 m/s and 143 W, the start included."
     known = {"steady": {**STEADY, "body_length": 1.0, "turning": -0.1}, "actuators": ACTUATORS}
     sure = leading_sentences({**known, "steady": {**STEADY, "turning": -1e-3}})[0]
     assert sure.endswith("turns by 0.1 ± 0.2° per body length.")  # to a side that is not known
