@@ -56,9 +56,9 @@ class Known(NamedTuple):
     names: tuple[str, ...]
     """in the library; of its images a gait as it is comes first"""
     gaits: Gait
-    """a population, of every member, with one ramp"""
-    ramps: tuple[float, ...]
-    """each gait's own, s"""
+    """a population, of every member, with one start and one ramp"""
+    begins: tuple[tuple[float, float], ...]
+    """each gait's own start and ramp, s"""
 
 
 def damaged(scene: Scene) -> dict[str, Scene]:
@@ -82,14 +82,14 @@ def plain_names() -> list[str]:
 
 def known_gaits(scene: Scene, turned: tuple[Symmetry, ...]) -> Known:
     """The library's gaits that fit, of struts and of cables alike, each turned and mirrored as said."""
-    names, gaits, ramps = [], [], []
+    names, gaits, begins = [], [], []
     for name in plain_names():
         own, other = scene.structure, load_scene(gait_record(name)["scene"]).structure
         if (own.struts.edges, own.cables.edges) == (other.struts.edges, other.cables.edges):
             names += [name] * len(turned)
-            ramps += [float(load_gait(name).ramp)] * len(turned)
+            begins += [(float(load_gait(name).start), float(load_gait(name).ramp))] * len(turned)
             gaits += [image(of_every_member(scene, load_gait(name)), symmetry) for symmetry in turned]
-    return Known(tuple(names), together(gaits), tuple(ramps))
+    return Known(tuple(names), together(gaits), tuple(begins))
 
 
 def of_every_member(scene: Scene, gait: Gait) -> Gait:
@@ -137,12 +137,15 @@ def recover(
     problem = search_problem(intact, configs["wave"])._replace(scene=robot)
     level = fidelity_levels(robot).own
     which = best(level, problem, known.gaits, seed)
-    chosen = [replace(one_gait(known.gaits, k), ramp=known.ramps[k]) for k in (known.names.index(gait), which)]
+    chosen = []
+    for k in (known.names.index(gait), which):
+        start, ramp = known.begins[k]
+        chosen.append(replace(one_gait(known.gaits, k), start=start, ramp=ramp))
     for config in configs.values():
         found = evolved(intact, robot, config, drawn)
         chosen.append(one_gait(found, best(level, problem, found, seed)))
     names = (gait, known.names[which], *[None] * len(configs))
-    # one by one: a population shares one ramp, and searches may choose another than the library's
+    # one by one: a population shares one start and one ramp, and searches may choose others than the library's
     rows = [measure(level, problem, as_population(gait), seed) for gait in chosen]
     return {way: {"gait": name, **row} for way, name, (row,) in zip(WAYS, names, rows, strict=True)}
 

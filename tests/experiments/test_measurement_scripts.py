@@ -418,14 +418,14 @@ def test_robots_are_driven_by_feedback_to_goals_and_in_environments(tmp_path):
         assert judged[name]["numbers"][4:] == [0.0] * 4 + [1.0] * 2
 
 
-def test_gaits_of_a_damaged_robot_are_measured_with_their_own_ramps(exact, monkeypatch):
-    """The library's have another one than those of searches; equal draws judge them all."""
-    module, ramps = import_module("measurements.damage_recovery"), []
-    gait, turned = jaxgrity.load_gait("straight"), jaxgrity.model.symmetries(exact.structure)[:1]
-    searched = module.together([module.of_every_member(exact, dataclasses.replace(gait, ramp=0.75))])
+def test_gaits_of_a_damaged_robot_are_measured_with_their_own_start_and_ramp(exact, monkeypatch):
+    """The library's have others than those of searches; equal draws judge them all."""
+    module, begins = import_module("measurements.damage_recovery"), []
+    gait, turned = jaxgrity.load_gait("lasting"), jaxgrity.model.symmetries(exact.structure)[:1]
+    searched = module.together([module.of_every_member(exact, dataclasses.replace(gait, start=1.0, ramp=0.5))])
 
     def measured(level, problem, gaits, seed):
-        ramps.extend([float(gaits.ramp)] * len(gaits.phase))
+        begins.extend([(float(gaits.start), float(gaits.ramp))] * len(gaits.phase))
         return [{"seed": seed}] * len(gaits.phase)
 
     monkeypatch.setattr(module, "measure", measured)
@@ -433,9 +433,9 @@ def test_gaits_of_a_damaged_robot_are_measured_with_their_own_ramps(exact, monke
     monkeypatch.setattr(module, "evolved", lambda *_: searched)
     known = module.known_gaits(exact, turned)
     configs = {way: jaxgrity.SearchConfig(space=space) for way, space in module.SEARCHES.items()}
-    found = module.recover(exact, exact, (known, "straight"), configs, (3, 4))
-    assert ramps == [float(gait.ramp), known.ramps[0], *[0.75] * 3]
-    assert set(known.ramps) == {0.75, 1.0}
+    found = module.recover(exact, exact, (known, "lasting"), configs, (3, 4))
+    assert begins == [(float(gait.start), float(gait.ramp)), known.begins[0], *[(1.0, 0.5)] * 3]
+    assert set(known.begins) == {(1.0, 0.75), (1.0, 1.0), (1.168, 0.75)}
     assert [row["seed"] for row in found.values()] == [3] * 5
 
 
