@@ -40,7 +40,7 @@ from jaxgrity.search import (
 SEARCHES = {
     "wave": SearchSpace(),
     "free": SearchSpace(waves="none"),
-    "cables, scaled": SearchSpace("cables", waves="none", amplitude=(0.05, 0.7), frequency=(0.2, 4.0)),
+    "cables, new": SearchSpace("cables", waves="none", amplitude=(0.05, 0.7), frequency=(0.2, 4.0)),
 }
 """what each search of a robot may vary"""
 WAYS = ("as it was", "library", *SEARCHES)

@@ -43,15 +43,16 @@ def full_gait_search_table(facts: Facts) -> str:
     steady, size = facts["steady"], facts["steady"]["body_length"]
     stages = ", ".join(f"{name} {s:.0f} s" for name, s in facts["stage_seconds"].items())
     shares = [
-        f"{_of_robots(mean / size, robots, size)} body lengths/s: {100 * mean / steady['speed']:.0f} % of the orbit's"
+        f"{_of_robots(mean / size, robots, size)} body lengths/s: {100 * mean / steady['speed']:.0f} % of the steady speed"
         for mean, robots in _ensembles(steady)
     ]
     turning = with_error(np.degrees(steady["turning"]), np.degrees(steady["turning_error_bar"]), " °/s", decimals=2)
     rows = [
         ["steady speed", f"**{_speed(steady)} body lengths/s**"],
-        ["settles after, verified for", f"{steady['settled_after']:.0f} s, {steady['verified_for']:.0f} s"],
+        ["settles after", f"{steady['settled_after']:.0f} s"],
+        ["stays on the orbit: watched for", f"{steady['verified_for']:.0f} s"],
         ["turning rate", turning],
-        ["cycle", f"{steady['periods']} periods of {steady['period']:.2f} s"],
+        ["cycle", f"{steady['periods']} periods, {steady['period']:.2f} s each"],
         ["largest Floquet multiplier per cycle (translation and yaw excluded)", _multiplier(steady)],
         [f"{steady['robust']['robots']} perturbed robots over a minute, mean (standard deviation)", shares[0]],
         ["the same on the other contact model", shares[1]],

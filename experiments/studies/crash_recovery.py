@@ -88,7 +88,7 @@ def words(record: Record) -> str:
     """What became of the searches that were killed."""
     rows = [
         ["searches killed at random moments", str(record["killed"])],
-        ["of these, between the first and the last generation", str(record["between_generations"])],
+        ["of these, killed after the first and before the last generation", str(record["between_generations"])],
         ["resumed, with the same final population", str(record["same_population"])],
         ["broken files", str(record["broken_files"])],
         ["duration of a search that nobody killed", f"{record['undisturbed_seconds']:.0f} s"],

@@ -157,7 +157,7 @@ def words(record: Record) -> str:
         "rollouts": "{spent:.0f}",
     }
     about = [str(seeds), str(record["rollouts"]), f"{record['start']:.3f} body lengths/s"]
-    settings = table(["seeds", "most rollouts", "fitness of the starts, median"], [about])
+    settings = table(["seeds", "most rollouts", "fitness before, median"], [about])
     return f"{columns(record['rows'], cells)}\n\n{settings}"
 
 

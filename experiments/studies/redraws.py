@@ -83,7 +83,7 @@ def redraws(
 
 
 def pair_of(gaits: list[Gait]) -> Gait:
-    """Both as one population."""
+    """Both as one population, which has the start and the ramp of the first."""
     amplitude, frequency = (
         np.stack([np.asarray(getattr(g, name)) for g in gaits]) for name in ("amplitude", "frequency")
     )

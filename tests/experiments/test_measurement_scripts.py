@@ -312,7 +312,7 @@ def test_damage_is_survived(tmp_path):
     facts = quick("damage", tmp_path)
     assert set(facts["damaged"]) == {"cable 7", "strut 1"}
     for robot in (facts["intact"], *facts["damaged"].values()):
-        assert set(robot) == {"as it was", "library", "wave", "free", "cables, scaled"}
+        assert set(robot) == {"as it was", "library", "wave", "free", "cables, new"}
         speeds = [one[model]["mean"] for one in robot.values() for model in ("own", "other")]
         assert all(0 < speed < 2 for speed in speeds)
         assert robot["library"]["own"]["mean"] > robot["as it was"]["own"]["mean"] - 0.05
@@ -322,7 +322,7 @@ def test_damage_is_survived(tmp_path):
     assert facts["recovered"]["strut"]["cases"] == facts["recovered"]["strut"]["best"]["any"] == 1
     page = words("damage", facts)
     assert "| strut | library: cables |" in page
-    assert all(f"| {robot} | cables, scaled |" in page for robot in ("nothing", "cable", "strut"))
+    assert all(f"| {robot} | cables, new |" in page for robot in ("nothing", "cable", "strut"))
 
 
 @pytest.mark.campaign
