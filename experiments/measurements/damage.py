@@ -120,7 +120,13 @@ def words(record: Record) -> str:
     head += ["beyond actuator bounds"]
     about = [record["gaits"]["library"], record["population"], record["generations"], record["gaits"]["free"]]
     settings = table(
-        ["library gaits tried, with rotations and reflections", "population of a search", "generations", "gaits per search", "duration of a rollout"],
+        [
+            "library gaits tried, with rotations and reflections",
+            "population of a search",
+            "generations",
+            "gaits per search",
+            "duration of a rollout",
+        ],
         [[*map(str, about), f"{record['duration']:g} s"]],
     )
     return f"{table(head, rows)}\n\n{settings}"

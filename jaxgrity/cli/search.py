@@ -10,10 +10,9 @@ from jaxgrity.cli.script import command_header
 import numpy as np
 
 from jaxgrity.cli.progress import Bars
-from jaxgrity.cli.scenes import scene_name
+from jaxgrity.cli.scenes import chosen_scene, scene_name
 from jaxgrity.cli.search_settings import ObjectiveSettings, SearchSettings
 from jaxgrity.core.errors import InputError
-from jaxgrity.io.scene_files import load_scene
 from jaxgrity.model.contact_twin import exact_twin, is_exact
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.inertia import with_mass_at_ends
@@ -53,7 +52,7 @@ def config_of(settings: SearchSettings) -> SearchConfig:
     given["objective"] = objective_of(asked)
     given["bounds"] = ActuatorBounds(asked.largest_rate, asked.largest_force, asked.largest_power)
     given["uncertainty"] = Uncertainty(**vars(settings.uncertainty))
-    given["polish"] = polish_of(settings)
+    given |= {"polish": polish_of(settings), "from_gait": settings.gait is not None}
 
     def group(kind: type) -> Any:
         return kind(**{part.name: given[part.name] for part in dataclasses.fields(kind)})
@@ -85,7 +84,7 @@ def main(settings: SearchSettings) -> None:
     began = time.perf_counter()
     if settings.quick:
         make_quick(settings)
-    scene, config = load_scene(settings.scene), config_of(settings)
+    scene, config = chosen_scene(settings.scene, settings.gait), config_of(settings)
     polished = "polished by gradients, and " if config.polish is not None else ""
     said = (
         f"Searching for a gait of {scene_name(settings.scene)}: gaits evolve on a rough model, and finer models test "

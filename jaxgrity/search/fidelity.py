@@ -145,12 +145,14 @@ def evolve_through(
     configs: tuple[GAConfig, ...],
     *,
     seed: int = 0,
+    parent: Genes | None = None,
     states: tuple[EvolutionState, ...] = (),
     on_generation: Callable[[int, EvolutionState], None] | None = None,
 ) -> list[Evolution]:
     """Evolve on the scene of each level in turn, without its contact twin, and carry the best over to the next.
 
-    Returns the evolution on each. With `states` interrupted ones continue. `on_generation` is called with an
+    Returns the evolution on each. The first begins with a `parent` and its mutations, if given. With `states`
+    interrupted ones continue. `on_generation` is called with an
     evolution's number and its state. Raises `InputError` for a population larger than the one before.
     """
     sizes = [config.population for config in configs]
@@ -158,7 +160,8 @@ def evolve_through(
         raise InputError(f"populations of {sizes} gaits: expected none larger than the one before it")
     found: list[Evolution] = []
     for number, (level, config) in enumerate(zip(levels, configs)):
-        state = states[number] if number < len(states) else begin(problem.genome, config, seed + number, level.dtype)
+        begun = begin(problem.genome, config, seed + number, level.dtype, None if number else parent)
+        state = states[number] if number < len(states) else begun
         if found and number >= len(states):
             state = state._replace(genes=found[-1].last.genes[: config.population])
         told = None if on_generation is None else lambda state, n=number: on_generation(n, state)

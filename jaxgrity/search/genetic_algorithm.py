@@ -130,10 +130,21 @@ class Evolution(NamedTuple):
     """number of rollouts in all generations"""
 
 
-def begin(genome: Genome, config: GAConfig, seed: int, dtype: str) -> EvolutionState:
-    """An evolution before its first generation: random genes."""
+def begin(genome: Genome, config: GAConfig, seed: int, dtype: str, parent: Genes | None = None) -> EvolutionState:
+    """An evolution before its first generation: random genes, or those of a `parent` and of its mutations.
+
+    Of these, all genes mutate, by up to the width of the config's first mutations. Small mutations are as frequent as
+    large ones: their widths are uniform in the logarithm, down to a hundredth.
+    """
     key, first = jax.random.split(jax.random.key(seed))
-    genes = draws.uniform(first, (config.drawn or config.population, genome.size), dtype)
+    shape = config.drawn or config.population, genome.size
+    if parent is None:
+        genes = draws.uniform(first, shape, dtype)
+    else:
+        widths, moves = jax.random.split(first)
+        width = config.mutation_size[0] * 10 ** (-2 * jax.random.uniform(widths, (shape[0], 1), dtype))
+        children = jnp.asarray(parent, dtype) + width * jax.random.normal(moves, shape, dtype)
+        genes = genome.wrapped(children.at[0].set(jnp.asarray(parent, dtype)))
     nothing = Record(*(np.zeros(0) for _ in Record._fields))
     return EvolutionState(0, jax.random.key_data(key), genes, nothing, None)
 

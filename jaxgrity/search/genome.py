@@ -18,6 +18,9 @@ from jaxgrity.populations.population import gaits_of
 
 Genes = Float[AnyArray, "*population genes"]
 
+ALIKE = 1e-4
+"""Largest difference of the actuators in a group, in turns and as shares, by which a gait is still a wave. Files of
+gaits have more digits."""
 FAINT = 1e-3
 """Coefficients of a new overtone, as fractions of their range. At 0, its phase would have no derivative."""
 
@@ -149,6 +152,52 @@ class Genome(eqx.Module):
             gaits = eqx.tree_at(lambda g: g.amplitude, gaits, gaits.amplitude / beyond)
         return gaits
 
+    def genes_of(self, gait: Gait) -> Float[np.ndarray, " genes"]:
+        """The genes of a gait: `gaits` inverted, before amplitudes are scaled down.
+
+        Raises `InputError` for a gait that no genes encode: one beyond the bounds, or none of the waves.
+        """
+        if self.active is not None:
+            raise InputError(f"active = {self.active}: a gait has no ranks; expected None to begin with a gait")
+        if self.overtones and len(gait.overtones) > self.overtones:
+            raise InputError(
+                f"overtones = {self.overtones}: the gait has {len(gait.overtones)}; expected as many or more, or 0: "
+                "then it keeps its own"
+            )
+        wave, firsts = self._wave_of(gait)
+        turns, found = np.asarray(gait.phase, float)[firsts] / (2 * np.pi), {}
+        found["phase"] = turns % 1
+        if len(self.waves) > 1:
+            found["wave"] = np.array([(wave + 0.5) / len(self.waves)])
+        if self.amplitude:
+            found["amplitude"] = _gene("amplitude", gait.amplitude, self.amplitude)[firsts]
+        if self.frequency:
+            found["frequency"] = _gene("frequency", gait.frequency, self.frequency)[:1]
+        for h in range(2, 2 + self.overtones):
+            size = phase = np.zeros(len(firsts))
+            if h - 2 < len(gait.overtones):
+                size, phase = (np.asarray(x, float)[firsts] for x in jax.tree.leaves(gait.overtones[h - 2]))
+            ahead = phase - 2 * np.pi * h * turns
+            found[f"sine {h}"], found[f"cosine {h}"] = (0.5 + h / 2 * size * f(ahead) for f in (np.cos, np.sin))
+        return np.concatenate([found[name] for name in self.blocks])
+
+    def _wave_of(self, gait: Gait) -> tuple[int, list[int]]:
+        """The number of the wave that a gait is, and the first actuator of each group; without waves, every actuator.
+
+        Raises `InputError` for none of the waves.
+        """
+        if not self.waves:
+            return 0, list(range(self.actuators))
+        groups = np.array(self.waves[0].groups)
+        firsts = [int(np.flatnonzero(groups == group)[0]) for group in range(self.groups)]
+        own = np.array(firsts)[groups]
+        alike = all(np.allclose(x, np.asarray(x)[own], atol=ALIKE) for x in (gait.amplitude, gait.frequency))
+        for number, wave in enumerate(self.waves):
+            lag = np.asarray(gait.phase, float) / (2 * np.pi) - np.array(wave.shifts)
+            if alike and np.all(np.abs((lag - lag[own] + 0.5) % 1 - 0.5) < ALIKE):
+                return number, firsts
+        raise InputError("the gait to begin with is no wave of this robot; expected one, or waves = 'none' or 'axis'")
+
     def _alike(self, each: AnyArray) -> AnyArray:
         """The largest of each actuator's group; without waves, its own."""
         if not self.waves:
@@ -224,6 +273,18 @@ def check_bounds(name: str, bounds: tuple[float, float] | None, top: float = mat
 def _overtone(h: int, phase: AnyArray, sine: AnyArray, cosine: AnyArray) -> Overtone:
     xp = namespace_of(phase)
     return Overtone(xp.hypot(sine, cosine), h * phase + xp.arctan2(cosine, sine))
+
+
+def _gene(name: str, values: AnyArray, bounds: tuple[float, float]) -> np.ndarray:
+    """The genes of a quantity's values. Raises `InputError` for one out of its bounds."""
+    values, (low, high) = np.asarray(values, float), bounds
+    found = (values - low) / (high - low)
+    if np.any(np.abs(found - 0.5) > 0.5 + ALIKE):
+        worst = values[np.argmax(np.abs(found - 0.5))]
+        raise InputError(
+            f"{name} = {worst:.3g} of the gait to begin with: expected {low:g} to {high:g}, or other bounds"
+        )
+    return found.clip(0, 1)
 
 
 def _between(bounds: tuple[float, float], genes: AnyArray) -> AnyArray:

@@ -216,7 +216,10 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
         search.tell(Progress("evolving", done, total, facts | within))
 
     seed = search.config.seed
-    found = evolve_through(levels, search.problem, configs, seed=seed, states=states, on_generation=save_and_tell)
+    parent = search.problem.genome.genes_of(search.problem.scene.gait) if search.config.from_gait else None
+    found = evolve_through(
+        levels, search.problem, configs, seed=seed, parent=parent, states=states, on_generation=save_and_tell
+    )
     if checkpoint is not None:
         last = found[-1].last
         save_arrays(checkpoint.folder / "population.npz", genes=last.genes, fitness=last.fitness)

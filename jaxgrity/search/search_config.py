@@ -24,6 +24,8 @@ DRAWN = 4
 MUTATIONS = ((0.12, 0.01), (0.02, 0.004))
 """Standard deviations of mutations, as shares of the circle, in the first and last generation: first for a wide
 screening, then for the generations after it."""
+NEAR = ((0.06, 0.01), (0.02, 0.004))
+"""The same for a search that begins with a gait; of its genes, half mutate."""
 COMPARED = 16
 """Number of evolved gaits, and of random ones, that are judged on all fidelity levels. The ranks of both show how far
 levels agree (`fidelity.png`): those of evolved gaits alone are too close to say."""
@@ -91,6 +93,9 @@ class SearchConfig(_Grouped):
     optimiser: Literal["genetic", "cma-es"] = "genetic"
     """search method: a genetic algorithm, or CMA-ES (the extra `baselines`), which starts from the best gait of the
     first generation"""
+    from_gait: bool = False
+    """whether the first generation has the scene's own gait and its mutations, and no random gaits; later mutations are
+    smaller, too"""
     wide: bool = True
     """whether screening begins with 4 times as many random gaits, and continues with children of the best eighth. A
     wide screening ignores bounds on force and power. After it, an eighth of the population continues on the scene's own
@@ -134,13 +139,13 @@ def ga_configs(config: SearchConfig, levels: int) -> tuple[GAConfig, ...]:
             each,
             count,
             elites=few,
-            mutation_rate=1.0,
+            mutation_rate=0.5 if config.from_gait else 1.0,
             mutation_size=width,
             drawn=first,
             parents=few,
             optimiser=config.optimiser,
         )
-        for each, count, few, width, first in zip(sizes, counts, best, MUTATIONS, drawn)
+        for each, count, few, width, first in zip(sizes, counts, best, NEAR if config.from_gait else MUTATIONS, drawn)
     )
 
 
@@ -154,7 +159,11 @@ def search_problem(scene: Scene, config: SearchConfig) -> SearchProblem:
         if not is_count(config.polish.gaits, 1) or config.polish.gaits > COMPARED:
             raise InputError(f"polish: gaits = {config.polish.gaits}; expected 1 to {COMPARED}")
         check_polish(config.polish, fitness, config.polish.gaits)
+    if config.from_gait and config.space.members != "scene":
+        raise InputError(f"members = {config.space.members!r}: the gait to begin with has its own; expected 'scene'")
     genome = genome_of(scene, config.space, fitness)
+    if config.from_gait:
+        genome.genes_of(scene.gait)  # refuses what no genes encode
     if config.duration <= scene.gait.start:
         begins = f"the gait begins at {float(scene.gait.start):g} s"
         raise InputError(f"duration = {config.duration:g} s: {begins}; expected a longer time")

@@ -222,3 +222,14 @@ def test_bad_configs_are_refused():
     for options in ({"generations": 0}, {"tournament": 0}):
         with pytest.raises(InputError, match="= 0: expected a whole number, at least 1"):
             GAConfig(**options)
+
+
+def test_a_search_begins_with_a_gait_and_its_mutations():
+    """The gait comes first and unchanged; mutations are of all sizes up to that of the first generation."""
+    parent, config = np.array([0.05, 0.6]), GAConfig(population=400, generations=2, mutation_size=(0.1, 0.02))
+    genes = np.asarray(begin(Genome(2), config, 3, "float64", parent).genes)
+    np.testing.assert_array_equal(genes[0], parent)
+    assert np.all((genes >= 0) & (genes < 1))  # around the circle
+    away = np.abs((genes[1:] - parent + 0.5) % 1 - 0.5)
+    for size, share in ((0.3, 1.0), (0.03, 0.8), (0.003, 0.3)):
+        assert abs(np.mean(away < size) - share) < 0.12

@@ -345,3 +345,48 @@ def test_one_wave_needs_no_gene_to_say_which():
             Genome(3, waves=waves)
     with pytest.raises(InputError, match="waves, active"):
         Genome(3, waves=(wave,), active=2)
+
+
+TWO_WAVES = (
+    TravellingWave((0, 0, 1, 1), (0.0, 0.25, 0.0, 0.5)),
+    TravellingWave((0, 0, 1, 1), (0.0, 0.75, 0.0, 0.5)),
+)
+ENCODED = {
+    "free": Genome(4, (0.1, 0.3), (0.2, 1.0), overtones=2),
+    "waves": Genome(4, (0.1, 0.3), (0.2, 1.0), overtones=1, waves=TWO_WAVES),
+    "one wave": Genome(4, (0.1, 0.3), waves=TWO_WAVES[:1]),
+    "phases": Genome(4),
+}
+FOUR = Gait((0, 1, 2, 3), np.zeros(4), np.full(4, 0.2), np.full(4, 0.5), start=0.0, ramp=1.0)
+
+
+@given(st.sampled_from(sorted(ENCODED)), seeds)
+def test_the_genes_of_a_gait_encode_it(which, seed):
+    """Of any genes' gait, `genes_of` gives genes of the same gait."""
+    genome = ENCODED[which]
+    gait = one_gait(genome.gaits(FOUR, np.random.default_rng(seed).uniform(size=(1, genome.size))), 0)
+    again = one_gait(genome.gaits(FOUR, genome.genes_of(gait)[None]), 0)
+    t = np.linspace(0, 2, 41)
+    for at in t:
+        np.testing.assert_allclose(contraction(again, at), contraction(gait, at), atol=1e-12)
+
+
+def test_gaits_that_no_genes_encode_are_refused():
+    """Beyond the bounds, no wave, more overtones than the genome has, or a genome with ranks."""
+    over = (Overtone(np.full(4, 0.1), np.zeros(4)),)
+    refused = {
+        "amplitude = 0.4 of the gait to begin with: expected 0.1 to 0.3": ("free", {"amplitude": np.full(4, 0.4)}),
+        "frequency = 0.1 of the gait to begin with": ("free", {"frequency": np.full(4, 0.1)}),
+        "no wave of this robot": ("waves", {"phase": np.array([0.0, 1.0, 2.0, 3.0])}),
+        "overtones = 1: the gait has 2": ("waves", {"overtones": 2 * over}),
+    }
+    for message, (which, parts) in refused.items():
+        with pytest.raises(InputError, match=message):
+            ENCODED[which].genes_of(dataclasses.replace(FOUR, **parts))
+    uneven = np.array([0.2, 0.3, 0.2, 0.2])
+    shifted = 2 * np.pi * np.array(TWO_WAVES[1].shifts)
+    ENCODED["waves"].genes_of(dataclasses.replace(FOUR, phase=shifted))
+    with pytest.raises(InputError, match="no wave of this robot"):
+        ENCODED["waves"].genes_of(dataclasses.replace(FOUR, phase=shifted, amplitude=uneven))
+    with pytest.raises(InputError, match="active = 2"):
+        FULL.genes_of(GAIT)

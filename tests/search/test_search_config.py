@@ -237,4 +237,22 @@ def test_settings_are_flat_in_files():
     assert found["objective"] == {"kind": "Distance"}
     assert not {"space", "evaluation"} & found.keys()
     options = {field.name for field in dataclasses.fields(SearchSettings)}
-    assert found.keys() - {"bounds"} <= options
+    assert found.keys() - {"bounds", "from_gait"} <= options  # the command has `--gait` for the latter
+
+
+def test_a_search_may_begin_with_the_gait_of_its_scene(exact):
+    """Its genes are found, or what is not possible is refused; later mutations are smaller."""
+    scene = with_gait(exact, load_gait("straight"))
+    config = SearchConfig(from_gait=True)
+    genome = search_problem(scene, config).genome
+    gaits = genome.gaits(scene.gait, genome.genes_of(scene.gait)[None])
+    np.testing.assert_allclose(gaits.amplitude[0], scene.gait.amplitude, rtol=1e-9)
+    near, wide = (ga_configs(each, 2)[0] for each in (config, SearchConfig()))
+    assert near.mutation_size[0] < wide.mutation_size[0]
+    for message, where, space in (
+        ("members = 'cables'", scene, SearchSpace("cables", waves="none")),
+        ("amplitude = .* of the gait", scene, SearchSpace(amplitude=(0.05, 0.2))),
+        ("no wave of this robot", exact, SearchSpace()),
+    ):
+        with pytest.raises(InputError, match=message):
+            search_problem(where, SearchConfig(from_gait=True, space=space))
