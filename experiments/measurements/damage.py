@@ -121,11 +121,11 @@ def words(record: Record) -> str:
     about = [record["gaits"]["library"], record["population"], record["generations"], record["gaits"]["free"]]
     settings = table(
         [
-            "library gaits tried, with rotations and reflections",
-            "population of a search",
+            "library gaits tried, turned and mirrored",
+            "population",
             "generations",
             "gaits per search",
-            "duration of a rollout",
+            "duration",
         ],
         [[*map(str, about), f"{record['duration']:g} s"]],
     )

@@ -282,7 +282,7 @@ def _gene(name: str, values: AnyArray, bounds: tuple[float, float]) -> np.ndarra
     if np.any(np.abs(found - 0.5) > 0.5 + ALIKE):
         worst = values[np.argmax(np.abs(found - 0.5))]
         raise InputError(
-            f"{name} = {worst:.3g} of the gait to begin with: expected {low:g} to {high:g}, or other bounds"
+            f"{name} = {worst:.3g} of the gait to begin with: out of {low:g} to {high:g}; expected wider bounds"
         )
     return found.clip(0, 1)
 

@@ -375,7 +375,7 @@ def test_gaits_that_no_genes_encode_are_refused():
     """Beyond the bounds, no wave, more overtones than the genome has, or a genome with ranks."""
     over = (Overtone(np.full(4, 0.1), np.zeros(4)),)
     refused = {
-        "amplitude = 0.4 of the gait to begin with: expected 0.1 to 0.3": ("free", {"amplitude": np.full(4, 0.4)}),
+        "amplitude = 0.4 of the gait to begin with: out of 0.1 to 0.3": ("free", {"amplitude": np.full(4, 0.4)}),
         "frequency = 0.1 of the gait to begin with": ("free", {"frequency": np.full(4, 0.1)}),
         "no wave of this robot": ("waves", {"phase": np.array([0.0, 1.0, 2.0, 3.0])}),
         "overtones = 1: the gait has 2": ("waves", {"overtones": 2 * over}),
