@@ -38,7 +38,7 @@ def objective_of(settings: ObjectiveSettings) -> Objective:
     """The objective of the settings. Raises `InputError` for an unknown one."""
     kind = find_objective(settings.kind)
     known = {part.name for part in dataclasses.fields(kind)}
-    given = {"heading": settings.heading, "turning": settings.turning}
+    given = {name: getattr(settings, name) for name in ("heading", "sideways", "turning")}
     chosen = {name: value for name, value in given.items() if value is not None}
     for name, value in chosen.items():
         if name not in known:

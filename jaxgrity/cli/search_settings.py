@@ -18,6 +18,8 @@ class ObjectiveSettings:
     kind: Annotated[str, arg(help=KINDS)] = "steady speed"
     heading: float | None = None
     """heading for steady direction and direction, rad from +x"""
+    sideways: float | None = None
+    """for steady direction, share of the displacement across the heading that is subtracted; None: none of it"""
     turning: float | None = None
     """turning for steady turn, rad per body length, positive to the left"""
     largest_rate: float | None = 1.0

@@ -16,7 +16,7 @@ from jaxgrity.model.scales import speed_scale
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.populations.metrics import Metrics, cost_of_transport
 from jaxgrity.populations.population import Outcomes
-from jaxgrity.search.paths import FEWEST_PARTS, parts_of_path, path_bend, steady_velocity
+from jaxgrity.search.paths import FEWEST_PARTS, along_and_across, parts_of_path, path_bend, steady_velocity
 
 INSIDE = 1 - 1e-5
 """Share of the bound on rates that is used, so that no rounding carries a gait beyond the bound."""
@@ -77,8 +77,7 @@ class Direction(Objective):
     any_heading: ClassVar[bool] = False
 
     def worth(self, scene, outcomes, duration):
-        moved = outcomes.com_end - outcomes.com_start
-        along = moved[:, 0] * np.cos(self.heading) + moved[:, 1] * np.sin(self.heading)
+        along, _ = along_and_across(outcomes.com_end - outcomes.com_start, self.heading)
         return jnp.where(jnp.isfinite(outcomes.distance()), along, jnp.nan)
 
 
@@ -113,20 +112,21 @@ class SteadySpeed(Objective):
 class SteadyDirection(Objective):
     """Horizontal displacement along a heading over the settled part of a rollout, in body lengths per second.
 
-    On a slope it is less than the displacement along the slope.
+    Displacement across the heading may count against it, times `sideways`. On a slope both are less than along it.
     """
 
     heading: float = eqx.field(static=True, converter=partial(check_number, "heading"), default=0.0)
     """heading, rad from +x"""
+    sideways: float = eqx.field(static=True, converter=partial(check_number, "sideways", least=0.0), default=0.0)
+    """share of the displacement across the heading that is subtracted"""
     unit: ClassVar[str] = "body lengths/s"
     needs_metrics: ClassVar[bool] = False
     any_heading: ClassVar[bool] = False
     parts: ClassVar[int] = FEWEST_PARTS
 
     def worth(self, scene, outcomes, duration):
-        velocity = steady_velocity(outcomes, duration)
-        along = velocity[:, 0] * np.cos(self.heading) + velocity[:, 1] * np.sin(self.heading)
-        return along / body_length(scene)
+        along, across = along_and_across(steady_velocity(outcomes, duration), self.heading)
+        return (along - self.sideways * jnp.abs(across)) / body_length(scene)
 
 
 class SteadyTurn(Objective):

@@ -79,6 +79,12 @@ def path_size(scene: Scene, outcomes: Outcomes) -> PerGait:
     return jnp.sqrt(jnp.sum(jnp.square(path.max(1) - path.min(1)), axis=1)) / body_length(scene)
 
 
+def along_and_across(moved: Float[AnyArray, "population axes"], heading: float) -> tuple[PerGait, PerGait]:
+    """The parts of horizontal vectors along a heading (rad from +x), and to its left."""
+    ahead, left = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
+    return moved[:, :2] @ ahead, moved[:, :2] @ left
+
+
 def steady_velocity(outcomes: Outcomes, duration: Scalar) -> Float[AnyArray, "population 2"]:
     """(population, 2), m/s, over the settled part of paths in a multiple of `QUARTERS` parts; NaN where one failed."""
     path = _settled(outcomes.com_path[:, :, :2])

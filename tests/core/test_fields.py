@@ -286,7 +286,7 @@ EXAMPLES = [
         bounds=(jaxgrity.ActuatorBounds(), OTHER),
     ),
     _of(jaxgrity.Direction, heading=(0.1, ANY)),
-    _of(jaxgrity.SteadyDirection, heading=(0.1, ANY)),
+    _of(jaxgrity.SteadyDirection, heading=(0.1, ANY), sideways=(0.1, NOT_NEGATIVE)),
     _of(jaxgrity.SteadyTurn, turning=(0.1, ANY), sharpness=(0.1, NOT_NEGATIVE)),
     _of(
         control.MotorLimits,
@@ -338,6 +338,7 @@ EXAMPLES = [
         population=(16, COUNT),
         generations=((2, 2), OTHER),
         optimiser=("genetic", OTHER),
+        from_gait=(False, OTHER),
         wide=(True, OTHER),
         dt=(1e-3, POSITIVE),
         seed=(0, INDEX),

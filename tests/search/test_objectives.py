@@ -254,6 +254,8 @@ def test_a_steady_direction_is_the_displacement_along_it(reference):
     for heading, share in ((0.0, 0.6), (np.pi / 2, 0.8), (np.pi, -0.6)):
         speed = SteadyDirection(heading).worth(reference, on_a_path(path), 40.0)
         np.testing.assert_allclose(speed, [0.5 * share], rtol=1e-12, atol=1e-12)
+        straight = SteadyDirection(heading, sideways=0.5).worth(reference, on_a_path(path), 40.0)
+        np.testing.assert_allclose(straight, [0.5 * (share - 0.5 * np.sqrt(1 - share**2))], rtol=1e-12, atol=1e-12)
     assert np.isnan(SteadyDirection().worth(reference, on_a_path(path, failure=1), 40.0)[0])
 
 
