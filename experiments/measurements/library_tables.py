@@ -43,7 +43,7 @@ def full_gait_search_table(facts: Facts) -> str:
     steady, size = facts["steady"], facts["steady"]["body_length"]
     stages = ", ".join(f"{name} {s:.0f} s" for name, s in facts["stage_seconds"].items())
     shares = [
-        f"{_of_robots(mean / size, robots, size)} body lengths/s: {100 * mean / steady['speed']:.0f} % of the steady one"
+        f"{_of_robots(mean / size, robots, size)} body lengths/s: {mean / steady['speed']:.0%} of the steady speed"
         for mean, robots in _ensembles(steady)
     ]
     turning = with_error(np.degrees(steady["turning"]), np.degrees(steady["turning_error_bar"]), " °/s", decimals=2)

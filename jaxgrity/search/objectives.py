@@ -7,7 +7,6 @@ from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 
 from jaxgrity.core.arguments import check_number
 from jaxgrity.core.errors import InputError, check_known
