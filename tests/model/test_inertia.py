@@ -48,7 +48,9 @@ def test_the_moment_of_inertia_of_a_rod_with_its_end_nodes_is_that_of_its_energy
     for structure, moved in ((rod, False), (with_mass_at_ends(rod), True)):
         v = np.cross([0, 0, omega], x - (np.asarray(structure.lumped_mass) @ x / structure.mass))
         inertia = rod_inertia(np.array([2.0]), ends[None], np.array([0.8]), moved)
-        np.testing.assert_allclose(inertia * omega**2 / 2, float(energy_of_motion(structure, jnp.asarray(v))), rtol=1e-6)
+        np.testing.assert_allclose(
+            inertia * omega**2 / 2, float(energy_of_motion(structure, jnp.asarray(v))), rtol=1e-6
+        )
 
 
 def test_momenta_are_the_mass_matrix_times_velocities(published_tower):
