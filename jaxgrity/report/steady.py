@@ -105,7 +105,7 @@ def _standing(scene: Scene, orbit: Orbit, bars: OrbitErrorBars) -> Facts:
 
 def _cycle_facts(scene: Scene, orbit: Orbit, cycle: OrbitCycle, bars: OrbitErrorBars) -> Facts:
     """The cycle's numbers with their error bars; a robot that stays where it is transports nothing."""
-    facts, errors = cycle.summary(), dict(bars.cycle)
+    facts, errors = cycle.summary(), Facts(bars.cycle)
     if "cost_of_transport" in errors and stays(scene, orbit.speed):
         facts["cost_of_transport"] = errors["cost_of_transport"] = None
     return facts | {"error_bars": errors}
