@@ -35,14 +35,10 @@ def test_finite_numbers_have_their_unit():
 @pytest.mark.parametrize(
     ("value", "error", "how", "told"),
     [
-        (0.88604, 4e-3, {}, "0.886 ± 0.004"),
         (0.8860412, 3e-11, {}, "0.8860 ± 5e-05"),
         (12.3456789, 1e-9, {}, "12.35 ± 0.005"),
         (-3.57e-16, 1e-11, {}, "0 ± 1e-11"),
         (-3.57e-16, 1e-11, {"decimals": 3}, "0.000 ± 0.0005"),
-        (-1e-12, 0.2, {}, "0.0 ± 0.2"),
-        (0.00886, 4e-5, {}, "0.00886 ± 4e-05"),
-        (0.5, None, {}, "0.500 (error not known)"),
     ],
 )
 def test_an_error_far_below_what_anyone_can_use_gives_no_digits(value, error, how, told):

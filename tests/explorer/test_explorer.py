@@ -2,6 +2,7 @@
 
 import dataclasses
 import http.client
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -223,6 +224,7 @@ def test_a_robot_that_stays_where_it_is_has_no_turning_and_no_cost(exact, monkey
     assert words == "settles on an orbit: the robot stays where it is, seen for 113 s"
     zero, path = jax.numpy.zeros((), int), np.tile(q, (26, 1, 1))
     motion = jaxgrity.Trajectory(np.linspace(0, 1, 26), path, 0 * path, zero, zero, zero, "", None)
+    monkeypatch.setattr(module, "robot_poses", lambda *given: SimpleNamespace(centre=path[:, 0]))
     rolled = module._rolled(exact, motion, jaxgrity.stepping.resolve(exact, 1.0))
     assert np.isnan(rolled.cost_of_transport)
     assert "cost of transport not known" in rolled.words(1e-12)
