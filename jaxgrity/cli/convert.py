@@ -14,7 +14,7 @@ from jaxgrity.formats.mjcf_reading import read_mjcf
 from jaxgrity.formats.ntrt import DECIMETRE, read_ntrt
 from jaxgrity.formats.spreadsheets import read_tables
 from jaxgrity.io.files import check_file
-from jaxgrity.model.inertia import with_mass_at_ends
+from jaxgrity.model.inertia import rod_inertia, with_mass_at_ends
 from jaxgrity.model.scene import Scene
 from jaxgrity.statics.settling import settled
 
@@ -70,10 +70,8 @@ def ends_words(scene: Scene, source: str) -> str:
         mass, lengths = np.asarray(members.mass, float), np.asarray(members.rest_length, float)
         ends = np.asarray(structure.node_mass, float)[np.asarray(members.edges)]
         whole = mass + ends.sum(axis=1)
-        # about the centre of mass, with the masses of the end nodes: a uniform member has m L^2/6 less
-        after = (ends[:, 0] + mass / 2) * (ends[:, 1] + mass / 2) / whole * lengths**2
         k = int(np.argmax(whole))
-        found, known = (in_digits(float(x), 3) for x in (after[k], after[k] - mass[k] * lengths[k] ** 2 / 6))
+        found, known = (in_digits(rod_inertia(mass, ends, lengths, moved)[k], 3) for moved in (True, False))
         parts.append(
             f"{np.count_nonzero(mass)} {name} have their mass at their ends now. The heaviest has "
             f"{in_digits(float(whole[k]), 3)} kg with its ends, and a moment of inertia of {found} kg m^2 about its "

@@ -28,10 +28,7 @@ from jaxgrity.search.search_config import EvaluationConfig, SearchConfig
 from jaxgrity.search.search_space import SearchSpace
 from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.methods import default_method
-from jaxgrity.stepping.options import SolverOptions, is_coupled
-
-SWEPT_FRICTION = 0.99
-"""Friction coefficient up to which sweeps solve contact: they may fail at 1 (`stepping.options`)."""
+from jaxgrity.stepping.options import ROUGH, SolverOptions, is_coupled
 
 
 def objective_of(settings: ObjectiveSettings) -> Objective:
@@ -151,8 +148,8 @@ def faster_words(scene: Scene, name: str) -> str:
     light = dataclasses.replace(exact, structure=with_mass_at_ends(exact.structure))
     ways = [(light, f"jaxgrity convert {name} light.toml --mass-at-ends (rods are then harder to turn)")]
     if exact.friction is not None:
-        smooth = ConeFriction(np.minimum(exact.friction.sliding_mu, SWEPT_FRICTION))
-        way = f"[friction] mu = {SWEPT_FRICTION:g}"
+        smooth = ConeFriction(np.minimum(exact.friction.sliding_mu, ROUGH / 2))
+        way = f"[friction] mu below {ROUGH:g}"
         ways = [*ways, (dataclasses.replace(exact, friction=smooth), way)]
         ways.append((dataclasses.replace(light, friction=smooth), f"{ways[0][1]}, and {way}"))
 

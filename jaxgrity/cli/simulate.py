@@ -12,7 +12,7 @@ import numpy as np
 from jaxgrity.cli.progress import Bars
 from jaxgrity.cli.scenes import chosen_scene, scene_name
 from jaxgrity.cli.settings import SimulateSettings
-from jaxgrity.core.display import finite_or, significant, with_error
+from jaxgrity.core.display import finite_or, known_words, significant
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.trajectories import save_trajectory
 from jaxgrity.io.files import load_phases, save_json
@@ -23,6 +23,7 @@ from jaxgrity.orbits.motion_report import MotionReport, motion_report
 from jaxgrity.populations.population import gaits_of, one_gait, simulate_population
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate, check_film
+from jaxgrity.search.paths import stays
 from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.options import SolverOptions, resolve
@@ -133,7 +134,8 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
                 bar = trust.error_bar if trust else None
                 plot.drawn("path.png", lambda: plot.save(plot.path_figure(scene, trajectory, bar), out / "path.png"))
     motion = plot.drawn("account of the motion", lambda: motion_report(scene, trajectory))
-    print(conclusion(distance, trust.error_bar if trust else None, motion))
+    bar = trust.error_bar if trust else None
+    print(conclusion(distance, bar, motion, bool(stays(scene, max(distance, bar or 0.0) / duration))))
     if trust:
         print(trust.table())
     return {
@@ -155,17 +157,21 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
     }
 
 
-def conclusion(distance: float, error_bar: float | None, motion: MotionReport | None) -> str:
-    """Distance and motion of a rollout in words. If the error bar exceeds the distance (m), a warning comes first."""
+def conclusion(distance: float, error_bar: float | None, motion: MotionReport | None, still: bool = False) -> str:
+    """Distance and motion of a rollout in words; that it is not known if the error bar exceeds the distance, m.
+
+    `still`: whether the robot stays where it is (`stays`), by all that the error bar allows.
+    """
     if not np.isfinite(distance):
         return "no distance: the simulation failed"
     moved = f"moved {significant(distance, 4)} m"
     if error_bar is not None and not np.isfinite(error_bar):
         moved = f"do not trust the distance, since its error bar is unknown: {moved}"
+    elif still:
+        moved = "moved 0 m: the centre of mass ends where it began"
     elif error_bar is not None:
-        moved = "moved " + with_error(distance, error_bar, " m", ".2g")
-        if error_bar > distance:
-            moved = f"do not trust the distance, since its error bar is larger: {moved}"
+        told = known_words(distance, error_bar, " m", ".2g")
+        moved = f"how far the robot moved is {told}" if error_bar > distance else f"moved {told}"
     return moved if motion is None else f"{moved}\n{motion.sentence()}"
 
 

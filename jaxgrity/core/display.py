@@ -9,8 +9,10 @@ COVERING = 2.0
 """Number of standard errors after a "±" where a number is known by draws: the range then covers the truth in 19 of 20
 cases. How much robots differ is said in words, as their standard deviation."""
 
-KNOWN = 6
-"""Most significant digits of a number beside its error: rollouts on two machines agree to no more."""
+KNOWN = 4
+"""Most significant digits of a number beside its error: no robot is measured, and no gait chosen, by more."""
+NOTHING = 1e-12
+"""Results that are no larger are rounding alone, and shown as 0."""
 MOST_DECIMALS = 8
 """Most decimals of a number. One whose first digits need more is written with a power of ten."""
 
@@ -28,6 +30,7 @@ def significant(value: float, decimals: int = 3, digits: int = 3) -> str:
     """A number with some decimals, and more for a small one, so that `digits` digits are left."""
     if not math.isfinite(value):
         return f"{value}"
+    value = 0.0 if abs(value) <= NOTHING else value
     needed = digits - 1 - _exponent(value)
     return f"{value:.{digits - 1}e}" if needed > MOST_DECIMALS else f"{_rounded(value, max(decimals, needed))}"
 
@@ -37,8 +40,9 @@ def with_error(
 ) -> str:
     """A number and its error, in words; an error that is infinite, None or NaN is "not known".
 
-    The error has `digits` digits, and decides the decimals of the number. There are at most `decimals`, if given; the
-    error is then at least that of rounding.
+    The error has `digits` digits, and decides the decimals of the number. There are at most `decimals`, if given, and
+    else as many as `KNOWN` digits need; the error is at least that of this rounding. A number that would be zeros in
+    more than `KNOWN` decimals is "0".
     """
     if error is None or not math.isfinite(error):
         return f"{significant(value) if decimals is None else _rounded(value, decimals)}{unit} (error not known)"
@@ -47,7 +51,17 @@ def with_error(
     error = float(f"{error:{digits}}")
     known = min(most, int(digits[1:-1]) - 1 - _exponent(error))
     told = f"{value:.2e}" if known > MOST_DECIMALS + KNOWN else _rounded(value, max(0, known))
+    if known > KNOWN and not round(value, known):
+        told = "0"
     return f"{told} ± {error:g}{unit}"
+
+
+def known_words(value: float, error: float | None, unit: str = "", digits: str = ".1g") -> str:
+    """A number with its error (`with_error`), or, where that is larger, that it is not known, and what to do."""
+    if error is None or not math.isfinite(error) or error <= abs(value):
+        return with_error(value, error, unit, digits)
+    found = f"{significant(value, 2, 2)}{unit} at this time step, with an error bar of {in_digits(error, 2)}{unit}"
+    return f"not known: {found}; take a smaller step, or a shorter time"
 
 
 def in_digits(value: SupportsFloat, digits: int = 3) -> str:
@@ -77,16 +91,22 @@ def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str
     """A mean over perturbed robots, with `COVERING` standard errors, and their standard deviation, in words.
 
     From a record with "standard_error" (None of one robot), "standard_deviation", and the mean by its name; perhaps
-    with the number of those that "failed". Where robots do not differ, the mean is all.
+    with the number of "robots", of those that "failed", and of those that "stay" where they are. Where robots do not
+    differ, the mean is all.
     """
     deviation, error, failed = robots["standard_deviation"], robots["standard_error"], robots.get("failed", 0)
-    lost = f"{failed} robot{'s' * (failed != 1)} failed" if failed else ""
+    still = robots.get("stay", 0)
+    counts = ((failed, "failed"), (still, "stay where they are" if still > 1 else "stays where it is"))
+    lost = "; ".join(f"{count} robot{'s' * (count != 1)} {what}" for count, what in counts if count)
     if deviation is None or not math.isfinite(deviation):
         return f"not known ({lost})" if failed else "not known"
+    beside = f" ({lost})" if lost else ""
+    if (still and still + failed == robots["robots"]) or max(abs(robots[mean]), deviation) <= NOTHING:
+        return f"0 {unit}".rstrip() + beside
     if not deviation:
-        return f"{significant(robots[mean])} {unit}".rstrip() + (f" ({lost})" if failed else "")
+        return f"{significant(robots[mean])} {unit}".rstrip() + beside
     known = with_error(robots[mean], None if error is None else COVERING * error, f" {unit}".rstrip())
-    return f"{known} (standard deviation {in_digits(deviation, 2)}{f'; {lost}' if failed else ''})"
+    return f"{known} (standard deviation {in_digits(deviation, 2)}{f'; {lost}' if lost else ''})"
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> str:

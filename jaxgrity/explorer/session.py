@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxgrity.core.display import significant, with_error
+from jaxgrity.core.display import known_words, significant
 from jaxgrity.core.errors import InputError
 from jaxgrity.explorer.controls import Knob, adjusted, knobs
 from jaxgrity.io.gait_library import gait_names, load_gait
@@ -17,6 +17,7 @@ from jaxgrity.orbits.finding import find_orbit, period_of
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.report.poses import RobotPoses, robot_poses
 from jaxgrity.search.objectives import CostOfTransport
+from jaxgrity.search.paths import stays
 from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
@@ -42,7 +43,8 @@ class Rolled(NamedTuple):
     distance: float
     """m, horizontal, of the centre of mass"""
     cost_of_transport: float
-    """of `CostOfTransport`: since the gait began; NaN where the robot has no weight, or the method no fixed step"""
+    """of `CostOfTransport`: since the gait began; NaN where the robot has no weight, or stays where it is
+    (`stays`), or the method has no fixed step"""
 
     def words(self, error_bar: float | None, orbit: str = "") -> str:
         """The facts, as Markdown; `orbit`: the robot's orbit in words."""
@@ -50,11 +52,12 @@ class Rolled(NamedTuple):
             return f"**failed**: {FAILURES[int(self.trajectory.failure)]}"
         duration = float(self.trajectory.times[-1])
         moved = significant(self.distance)
-        told = f"{moved} ± … m" if error_bar is None else with_error(self.distance, error_bar, " m", ".2g")
+        told = f"{moved} ± … m" if error_bar is None else known_words(self.distance, error_bar, " m", ".2g")
+        cost = significant(self.cost_of_transport, 2, 2) if np.isfinite(self.cost_of_transport) else "not known"
         return (
             f"**{told}** in {duration:g} s  \n"
             f"speed {significant(self.distance / duration)} m/s  \n"
-            f"cost of transport {significant(self.cost_of_transport, 2, 2)}" + (f"  \n{orbit}" if orbit else "")
+            f"cost of transport {cost}" + (f"  \n{orbit}" if orbit else "")
         )
 
 
@@ -123,6 +126,8 @@ def watched_words(scene: Scene, options: ResolvedOptions) -> str:
     watched = significant(found.verified_for, 0, 2)
     if not found.settled:
         return f"no orbit after {watched} s"
+    if stays(scene, found.speed):
+        return f"settles on an orbit: the robot stays where it is, seen for {watched} s"
     turning = np.degrees(found.turning)
     speed = f"{significant(found.speed)} m/s"
     return f"settles on an orbit: {speed}, turning by {significant(turning, 1, 2)}°/s, seen for {watched} s"
@@ -133,8 +138,9 @@ def _rolled(scene: Scene, trajectory: Trajectory, options: Options) -> Rolled:
         return Rolled(scene, trajectory, None, np.nan, np.nan)
     poses = robot_poses(scene, trajectory, FRAME_RATE)
     moved = poses.centre[-1] - poses.centre[0]
-    cost = _cost_of_transport(scene, float(trajectory.times[-1]), options)
-    return Rolled(scene, trajectory, poses, float(np.hypot(*moved[:2])), cost)
+    distance, duration = float(np.hypot(*moved[:2])), float(trajectory.times[-1])
+    cost = np.nan if stays(scene, distance / duration) else _cost_of_transport(scene, duration, options)
+    return Rolled(scene, trajectory, poses, distance, cost)
 
 
 def _cost_of_transport(scene: Scene, duration: float, options: Options) -> float:

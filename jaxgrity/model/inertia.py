@@ -9,6 +9,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from jaxgrity.core.dense import inverse_of
 from jaxgrity.core.primitives import along, component, dot, inner, place_rows, respond, scale, take_rows
@@ -51,6 +52,23 @@ def with_mass_at_ends(structure: Structure) -> Structure:
         None if each is None else dataclasses.replace(each, mass=None) for each in (structure.struts, structure.cables)
     )
     return dataclasses.replace(structure, node_mass=structure.mass_beside_bodies, struts=struts, cables=cables)
+
+
+def rod_inertia(
+    mass: Float[np.ndarray, " rods"],
+    ends: Float[np.ndarray, "rods 2"],
+    lengths: Float[np.ndarray, " rods"],
+    mass_at_ends: bool = False,
+) -> Float[np.ndarray, " rods"]:
+    """(rods,), kg m^2, moment of inertia of rods and their end nodes, across the rod, about their centre of mass.
+
+    Of a rod of mass m (kg) and length L (m) between nodes of masses a and b, `ends` (kg), with M = a + b + m: with the
+    rod's own mass at its ends (`with_mass_at_ends`) it is (a + m/2) (b + m/2) / M L^2. Spread along the rod, it is
+    m L^2/6 less.
+    """
+    first, second = (ends + mass[:, None] / 2).T
+    whole = first * second / (first + second) * lengths**2
+    return whole if mass_at_ends else whole - mass * lengths**2 / 6
 
 
 @typed

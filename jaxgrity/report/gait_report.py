@@ -22,7 +22,7 @@ from jaxgrity.populations.population import one_gait
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate
 from jaxgrity.report.gait_rows import leading_sentences, outcome_rows, search_rows
-from jaxgrity.report.measuring import gait_measured
+from jaxgrity.report.measuring import gait_measured, verified_stays
 from jaxgrity.report.steady import STAGES, on_orbit
 from jaxgrity.search.pipeline import SearchResult
 from jaxgrity.search.polish import Polished
@@ -102,6 +102,7 @@ def write_report(result: SearchResult, origin: Origin, folder: Path, on_progress
         "unit": result.problem.fitness.objective.unit,
         "settings": origin.settings,
         **result.verdict.summary(),
+        "stays": verified_stays(scene, result.verdict.verified, duration),
         "command": origin.command,
     }
     # one may use the gait while the rest of the report is made

@@ -5,11 +5,20 @@ from typing import Any
 
 import numpy as np
 
-from jaxgrity.core.display import counted_robots, finite_or, in_digits, mean_of_robots, significant, with_error
+from jaxgrity.core.display import (
+    counted_robots,
+    finite_or,
+    in_digits,
+    known_words,
+    mean_of_robots,
+    significant,
+    with_error,
+)
 from jaxgrity.orbits.finding import IN_TIME
 from jaxgrity.populations.motion_kinds import Rolling
 from jaxgrity.report import plot
-from jaxgrity.report.steady import NOT_LASTING, first_cycle, on_orbit, steady_rows
+from jaxgrity.report.steady import first_cycle, moves, on_orbit
+from jaxgrity.report.steady_words import NOT_LASTING, TURNING_DIGITS, steady_rows
 from jaxgrity.search.objectives import Objective
 from jaxgrity.search.paths import SETTLING_SHARE
 from jaxgrity.search.promotion import multiplier_words, orbit_words
@@ -20,23 +29,44 @@ def leading_sentences(summary: dict[str, Any]) -> tuple[str, ...]:
     steady, asked = summary["steady"], summary["actuators"]
     needs = "An actuator needs up to {}, {} and {}, the start included.".format(*peaks(asked))
     if steady is None:
-        return f"The robot goes {distance_words(summary)}.", needs
+        return _way_sentence(summary), needs
     if not steady["settled"]:
         return f"The robot settles on no orbit: {NOT_LASTING}.", needs
-    lengths, size = steady["body_lengths_per_second"], steady["body_length"]
-    speed = with_error(lengths, steady["speed_error_bar"] / size, " body lengths per second")
-    turning, error = (float(np.degrees(steady[name])) for name in ("turning", "turning_error_bar"))
-    # of a circle narrower than two body lengths, as about the spot, the time says more than the way
-    travels = abs(steady["turning"]) < lengths
-    turn = with_error(abs(turning) / lengths, error / lengths, "°") if travels else with_error(abs(turning), error, "°")
-    own, other = steady["robust"], steady["other_contact_model"]
-    side = "" if abs(turning) <= error or not np.isfinite(error) else f" to the {'left' if turning > 0 else 'right'}"
+    size, own, other = steady["body_length"], steady["robust"], steady["other_contact_model"]
     return (
-        f"The robot moves at {speed} and turns by {turn} per {'body length' if travels else 'second'}{side}.",
+        _moves_sentence(steady),
         f"The speed of {counted_robots(own['robots'])} is {_in_lengths(own, size, 'mean')}, and on the other contact "
         f"model {_in_lengths(other, size, 'speed')}.",
         needs,
     )
+
+
+def _moves_sentence(steady: dict[str, Any]) -> str:
+    """How fast and how straight a robot moves on its orbit; that it stays where it is, or that its speed is lost."""
+    lengths, error = steady["body_lengths_per_second"], steady["speed_error_bar"] / steady["body_length"]
+    unit, moving = " body lengths per second", moves(steady)
+    if not moving and not steady.get("stays", False):
+        found = with_error(lengths, error, unit)
+        return f"Whether the robot moves is not known: its speed is {found}; take a smaller step."
+    told = f"The robot moves at {with_error(lengths, error, unit)}" if moving else "The robot stays where it is"
+    if not moving and not steady.get("turns", False):
+        return f"{told}."
+    turning, off = (float(np.degrees(steady[name])) for name in ("turning", "turning_error_bar"))
+    # of a circle narrower than two body lengths, as about the spot, the time says more than the way
+    travels = moving and abs(steady["turning"]) < lengths
+    way = lengths if travels else 1.0
+    turn = with_error(abs(turning) / way, off / way, "°", decimals=TURNING_DIGITS)
+    side = "" if abs(turning) <= off or not np.isfinite(off) else f" to the {'left' if turning > 0 else 'right'}"
+    return f"{told} and turns by {turn} per {'body length' if travels else 'second'}{side}."
+
+
+def _way_sentence(summary: dict[str, Any]) -> str:
+    """How far a robot goes for which no orbit is sought."""
+    if summary.get("stays", False):
+        return "The robot stays where it is."
+    if summary["error_bar"] > summary["distance"]:
+        return f"How far the robot goes is {distance_words(summary)}."
+    return f"The robot goes {distance_words(summary)}."
 
 
 def _in_lengths(robots: dict[str, Any], size: float, mean: str) -> str:
@@ -63,7 +93,7 @@ def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
         unseen["picture of the orbit"] = f"none: the motion ends after {ends}, the first whole cycle after {whole} s"
     return {
         **({"verified distance": distance_words(summary)} if steady is None else steady_rows(steady)),
-        "actuators need": f"up to {', '.join(peaks(asked))}{early}; cost of transport {_cost_of_transport(summary)}"
+        "actuators need": f"up to {', '.join(peaks(asked))}{early}{_cost_of_transport(summary)}"
         + _in_the_ramp(summary)
         + _beyond(summary),
         **unseen,
@@ -71,11 +101,14 @@ def outcome_rows(summary: dict[str, Any]) -> dict[str, str]:
 
 
 def _cost_of_transport(summary: dict[str, Any]) -> str:
-    """Along the path of the orbit, where there is one."""
+    """Along the path of the orbit, where there is one; empty for a robot that stays where it is."""
     steady, cost, way = summary["steady"], summary["actuators"]["cost_of_transport_by_effort"], "from the start"
     if steady is not None and steady["settled"] and steady["cycle"] is not None:
         cost, way = steady["cycle"]["cost_of_transport"], "along the path"
-    return f"{in_digits(cost, 2)} (work of every actuator / (m g d), d {way})"
+        cost = cost if moves(steady) else None
+    return (
+        "" if cost is None else f"; cost of transport {in_digits(cost, 2)} (work of every actuator / (m g d), d {way})"
+    )
 
 
 def _in_the_ramp(summary: dict[str, Any]) -> str:
@@ -110,7 +143,7 @@ def search_rows(summary: dict[str, Any], motion: Rolling | None, objective: Obje
     return {
         **verified,
         "motion": "no ground, or no motion" if motion is None else motion.sentence(),
-        "directions": ", ".join(map(_direction, summary["directions"])),
+        **_directions(summary["directions"]),
         "objective": objective_words(summary, unit) + (f"; it {late}" if objective.steady and late else ""),
         "search": f"{rollouts} rollouts of the evolution; rank correlation (Spearman) of screening with {last}: "
         f"{plot.ranked(ranks)}; among evolved gaits {plot.ranked(among)}",
@@ -149,11 +182,23 @@ def _curse(summary: dict[str, Any], level: str, unit: str) -> dict[str, str]:
     }
 
 
-def _direction(verified: dict[str, float]) -> str:
+def _directions(found: list[dict[str, Any]]) -> dict[str, str]:
+    """The way of the gait, and of its images under the robot's symmetry; none of a robot that stays where it is."""
+    if not found or any(each["heading"] is None for each in found):
+        return {}
+    own, *images = map(_direction, found)
+    known = " (0° is along x, 90° along y)" if "towards" in own else ""
+    symmetric = ". The robot is symmetric: with its actuators relabelled by that symmetry, the same gait goes "
+    return {"directions": f"{own}{known}" + (symmetric + ", or ".join(images) if images else "")}
+
+
+def _direction(verified: dict[str, Any]) -> str:
     """A distance with its error bar, and the heading where the bar leaves one, in words."""
     distance, bar = verified["distance"], verified["error_bar"]
-    way = f"towards {round(np.degrees(verified['heading']))}°" if bar < distance else "in no known direction"
-    return f"{with_error(distance, bar, ' m')} {way}"
+    known = with_error(distance, bar, " m")
+    if not bar < distance:
+        return f"a way that is not known ({known})"
+    return f"{known} towards {round(np.degrees(verified['heading']))}°"
 
 
 def late_words(swing: float, duration: float) -> str:
@@ -189,9 +234,8 @@ def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, 
 
 
 def distance_words(summary: dict[str, Any]) -> str:
-    """The distance with its error bar, or a warning if the error bar exceeds it."""
-    known, told = summary["error_bar"] <= summary["distance"], f"in {summary['duration']:g} s"
-    if known:
-        return f"{with_error(summary['distance'], summary['error_bar'], ' m')} {told}"
-    moved = significant(summary["distance"], 2, 2)
-    return f"{moved} m {told} at this time step; the distance changes with the step"
+    """The distance with its error bar; that it is not known if the error bar exceeds it, or that the robot stays."""
+    if summary.get("stays", False):
+        return "0: the robot stays where it is"
+    told = known_words(summary["distance"], summary["error_bar"], " m")
+    return told if summary["error_bar"] > summary["distance"] else f"{told} in {summary['duration']:g} s"

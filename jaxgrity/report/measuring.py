@@ -14,11 +14,12 @@ from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.report.steady import steady_facts
 from jaxgrity.search.objectives import ActuatorBounds, SteadyDirection
+from jaxgrity.search.paths import stays
 from jaxgrity.search.pipeline import UNSEEN, SearchResult
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.step_limits import default_step
-from jaxgrity.trust.error_bars import verify
+from jaxgrity.trust.error_bars import Verified, verify
 
 WATCHED = 7.5
 """Time for which a gait that is to last is watched, as a multiple of the search's duration."""
@@ -26,7 +27,7 @@ WATCHED = 7.5
 
 def gait_measured(
     result: SearchResult, fine: SolverOptions, tick: Callable[[], None]
-) -> tuple[dict[str, Any] | None, list[dict[str, float]], dict[str, Any]]:
+) -> tuple[dict[str, Any] | None, list[dict[str, float | None]], dict[str, Any]]:
     """Long-run behaviour of the gait and of perturbed robots; its directions; the loads of actuators,
     and the bound on their rate, m/s or None."""
     scene, problem, steady = result.scene, result.problem, None
@@ -51,8 +52,21 @@ def gait_measured(
     return steady, found, given
 
 
-def directions(best: Scene, options: SolverOptions, duration: float) -> list[dict[str, float]]:
-    """The directions of the gait's images under the robot's symmetry from the same pose, verified one by one."""
+def verified_stays(scene: Scene, verified: Verified, duration: float) -> bool:
+    """Whether the robot stays where it is (`stays`) in a verified rollout (s), by all that its error bar allows."""
+    return bool(stays(scene, max(float(verified.distance[0]), float(verified.error_bar[0])) / duration))
+
+
+def cost_of_way(scene: Scene, work: float, distance: float, duration: float) -> float | None:
+    """`cost_of_transport` from J and m; None for a robot that stays where it is (`stays`) in this time, s."""
+    return None if stays(scene, distance / duration) else float(cost_of_transport(scene, work, distance))
+
+
+def directions(best: Scene, options: SolverOptions, duration: float) -> list[dict[str, float | None]]:
+    """The directions of the gait's images under the robot's symmetry from the same pose, verified one by one.
+
+    The heading (rad from +x) of a robot that stays where it is (`stays`) is None.
+    """
     gait = best.gait
     assert gait is not None, "a search finds a gait"
     try:
@@ -64,13 +78,17 @@ def directions(best: Scene, options: SolverOptions, duration: float) -> list[dic
     for each in images:
         verified = verify(best, as_population(each), duration, options=options)
         x, y, _ = (verified.com_end - verified.com_start)[0]
-        facts = {"heading": np.arctan2(y, x), "distance": verified.distance[0], "error_bar": verified.error_bar[0]}
-        found.append({name: float(value) for name, value in facts.items()})
+        heading = None if verified_stays(best, verified, duration) else float(np.arctan2(y, x))
+        bar = float(verified.error_bar[0])
+        found.append({"heading": heading, "distance": float(verified.distance[0]), "error_bar": bar})
     return found
 
 
 def actuators(best: Scene, options: SolverOptions, duration: float, bounds: ActuatorBounds) -> dict[str, Any]:
-    """The loads of the gait's actuators, and their excess over the bounds (`ActuatorBounds.excess`)."""
+    """The loads of the gait's actuators, and their excess over the bounds (`ActuatorBounds.excess`).
+
+    The cost of transport is that of `cost_of_way`.
+    """
     assert best.gait is not None, "a search finds a gait"
     # from rest, and since when, said so that `orbit_cycle` shares the compiled program
     start = Differences(velocities=np.zeros((1, *best.structure.nodes.shape)))
@@ -81,6 +99,6 @@ def actuators(best: Scene, options: SolverOptions, duration: float, bounds: Actu
     distance = float(np.hypot(np.asarray(metrics.moved_x), np.asarray(metrics.moved_y))[0])
     peaks = {name: float(np.max(getattr(metrics, name))) for name in ("peak_rate", "peak_force", "peak_power")}
     works = {name: float(getattr(metrics, name)[0]) for name in ("work", "effort")}
-    costs = {f"cost_of_transport_by_{name}": float(cost_of_transport(best, x, distance)) for name, x in works.items()}
+    costs = {f"cost_of_transport_by_{name}": cost_of_way(best, x, distance, duration) for name, x in works.items()}
     rate = np.max(peak_rates(best.gait, actuated_lengths(best.structure, best.gait.members)), keepdims=True)
     return {**peaks, **works, **costs, "excess": float(bounds.excess(rate, metrics)[0])}

@@ -12,6 +12,7 @@ from jaxgrity.model.actuation import Gait
 from jaxgrity.model.scene import Scene
 from jaxgrity.report import plot
 from jaxgrity.report.gait_rows import distance_words, objective_words
+from jaxgrity.report.measuring import verified_stays
 from jaxgrity.search.pipeline import SearchResult
 from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.discretisation import FAILURES
@@ -49,8 +50,10 @@ def search_html(result: SearchResult) -> str:
     """The verdict on the result, in the words of the report, and its gait."""
     assert result.scene.gait is not None, "a search finds a gait"
     facts, unit = result.verdict.summary(), result.problem.fitness.objective.unit
+    duration = float(result.problem.duration)
+    facts |= {"duration": duration, "stays": verified_stays(result.scene, result.verdict.verified, duration)}
     rows = {
-        "verified distance": distance_words(facts | {"duration": float(result.problem.duration)}),
+        "verified distance": distance_words(facts),
         "objective": objective_words(facts, unit),
         "beyond a bound on actuators": f"{100 * facts['beyond_bounds']:.0f} % of robots",
     }

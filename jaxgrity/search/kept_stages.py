@@ -16,6 +16,8 @@ from jaxgrity.search.polish import Polished
 from jaxgrity.search.promotion import Agreement, Promoted
 from jaxgrity.trust.sensitivity import Sensitivity
 
+KEPT_VERSION = 1
+"""Version of the files of these stages. It goes up by 1 with every change of what they hold, or of what that means."""
 SEPARATOR = "."
 """Character between the name of a part and that of its field, in names of arrays."""
 
@@ -24,17 +26,17 @@ def save_promoted(folder: Path, promoted: Promoted) -> None:
     """Keep the promoted gaits; the levels of their `agreement` follow from the settings."""
     agreement = {name: value for name, value in promoted.agreement._asdict().items() if name != "levels"}
     found = {**promoted._asdict(), "finals": promoted.finals._asdict(), "agreement": agreement}
-    save_arrays(folder / PROMOTED, **_flat(found))
+    save_arrays(folder / PROMOTED, version=KEPT_VERSION, **_flat(found))
 
 
 def load_promoted(folder: Path, levels: tuple[FidelityLevel, ...]) -> Promoted | None:
     """What `save_promoted` kept, to the last bit, with the compared `levels`; None where it kept nothing.
 
-    Raises `InputError` for a damaged file.
+    Raises `InputError` for a damaged file, and for one of another version.
     """
     if not (folder / PROMOTED).exists():
         return None
-    found = saved_arrays(folder / PROMOTED)
+    found = _of_this_version(folder / PROMOTED)
     with _Read(folder / PROMOTED):
         agreement = _part(found, "agreement")
         agreement["evolved"] = int(agreement["evolved"])
@@ -52,17 +54,17 @@ def save_polished(folder: Path, polished: Polished) -> None:
     found = {name: value for name, value in polished._asdict().items() if name != "genome"}
     found |= {name: getattr(polished, name)._asdict() for name in ("before", "after")}
     found |= {"steps": np.array(polished.steps, float).reshape(-1, len(ClimbStep._fields)), "sensitivity": growth}
-    save_arrays(folder / POLISHED, **_flat(found))
+    save_arrays(folder / POLISHED, version=KEPT_VERSION, **_flat(found))
 
 
 def load_polished(folder: Path, genome: Genome) -> Polished | None:
     """What `save_polished` kept, to the last bit, with the `genome` of its genes; None where it kept nothing.
 
-    Raises `InputError` for a damaged file.
+    Raises `InputError` for a damaged file, and for one of another version.
     """
     if not (folder / POLISHED).exists():
         return None
-    found = saved_arrays(folder / POLISHED)
+    found = _of_this_version(folder / POLISHED)
     with _Read(folder / POLISHED):
         growth = _part(found, "sensitivity")
         return Polished(
@@ -77,6 +79,23 @@ def load_polished(folder: Path, genome: Genome) -> Polished | None:
             rollouts=int(found["rollouts"]),
             reason=str(found["reason"]),
         )
+
+
+def check_kept_stages(folder: Path) -> None:
+    """Raise `InputError` where a search that is resumed could not read what its later stages kept in the folder."""
+    for path in (folder / PROMOTED, folder / POLISHED):
+        if path.exists():
+            _of_this_version(path)
+
+
+def _of_this_version(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of a file by their names; none has the name "version" in files of before there were versions."""
+    found = saved_arrays(path)
+    version = found.pop("version", None)
+    if version is None or not np.array_equal(version, KEPT_VERSION):
+        told = "no version" if version is None else f"version {version}, not {KEPT_VERSION}"
+        raise InputError(f"{path}: kept by another release, with {told}; {RUN_OR_RESTART}")
+    return found
 
 
 class _Read:

@@ -17,7 +17,7 @@ from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.judging import Fitness, ensembles_rolled_out, over_robots
 from jaxgrity.search.models import model_of
 from jaxgrity.search.objectives import SteadySpeed
-from jaxgrity.search.paths import MOMENTS, SETTLING_SHARE, parts_of, path_bend, steady_velocity, whole_cycles
+from jaxgrity.search.paths import MOMENTS, SETTLING_SHARE, parts_of, path_bend, stays, steady_velocity, whole_cycles
 from jaxgrity.stepping.options import Options
 
 
@@ -29,14 +29,16 @@ class RobotMotions(NamedTuple):
     velocity: Float[np.ndarray, "robots 2"]
     """m/s, displacement over time: less than the speed where the path bends; NaN where the rollout failed"""
     bend: PerGait
-    """(robots,), rad to the left in a body length of the path; NaN where the rollout failed"""
+    """(robots,), rad to the left in a body length of the path; NaN where the rollout failed, or the robot stays where
+    it is (`STILL`)"""
     counted_from: float
     """s, the time from which motion counts"""
 
     def summary(self) -> dict[str, Any]:
         """Means and standard deviations, m/s (`over_robots`); of bends median and quartiles, None where all failed.
 
-        Robots that failed are counted, and in no other number.
+        Robots that failed are counted, and in no other number. Those that stay where they are have no bend: their
+        number is "stay".
         """
         known = self.bend[np.isfinite(self.bend)]
         quartiles = np.quantile(known, (0.25, 0.5, 0.75)).tolist() if known.size else [None] * 3
@@ -48,6 +50,7 @@ class RobotMotions(NamedTuple):
             "displacement_standard_deviation": moved["standard_deviation"],
             "bend": quartiles[1],
             "bend_quartiles": quartiles[::2],
+            "stay": int((np.isfinite(self.speed) & np.isnan(self.bend)).sum()),
             "counted_from": self.counted_from,
         }
 
@@ -105,8 +108,8 @@ def robot_motions(
     held, size = np.asarray(outcomes.failure) == 0, float(body_length(scene))
     speed, bend = (np.asarray(each, float) for each in _path_bend(scene, outcomes, np.asarray(duration), MOMENTS))
     velocity = np.asarray(steady_velocity(outcomes, np.asarray(duration)), float)
-    speed, bend = (np.where(held, each, np.nan) for each in (size * speed, bend))
-    return RobotMotions(speed, velocity, bend, SETTLING_SHARE * duration)
+    speed = np.where(held, size * speed, np.nan)
+    return RobotMotions(speed, velocity, np.where(held & ~stays(scene, speed), bend, np.nan), SETTLING_SHARE * duration)
 
 
 _path_bend = eqx.filter_jit(path_bend)

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.actuation import Gait
-from jaxgrity.model.scales import time_scale
+from jaxgrity.model.scales import speed_scale, time_scale
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.populations.population import Outcomes
 
@@ -24,8 +24,15 @@ MOMENTS = 7
 """Number of moments in each part from which paths that turn are measured. From a single one of each cycle the speed
 depends on the moment, as the robot sways towards the centre of its circle. A prime number of moments averages all
 swaying that is not as quick as they are."""
+STILL = 1e-3
+"""A robot that is slower stays where it is, m/s for a body of one metre: the directions of its path are rounding."""
 QUARTERS = 4
 """Factor of the number of parts, so that one part ends where `SETTLING_SHARE` does."""
+
+
+def stays(scene: Scene, speed: Float[AnyArray, "..."] | float) -> np.ndarray:
+    """Whether a robot with this speed, m/s, of any shape, stays where it is (`STILL`); NaN does not."""
+    return np.asarray(np.asarray(speed, float) < STILL * float(speed_scale(scene)))
 
 
 def parts_of_path(scene: Scene, duration: float) -> int:

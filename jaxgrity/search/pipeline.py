@@ -24,7 +24,7 @@ from jaxgrity.search.fidelity import (
     search_levels,
 )
 from jaxgrity.search.genetic_algorithm import Evolution, GAConfig
-from jaxgrity.search.kept_stages import load_polished, load_promoted, save_polished, save_promoted
+from jaxgrity.search.kept_stages import check_kept_stages, load_polished, load_promoted, save_polished, save_promoted
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.polish import Polished, polish
 from jaxgrity.search.polish_kept import kept_or_undone
@@ -195,6 +195,7 @@ def _begun(
             bred = {name: [getattr(each, name) for each in breeding] for name in BRED}
             settings = {**plain_config(config), **bred, "fingerprint of the scene": fingerprint(scene)}
             checkpoint = held.enter_context(open_checkpoint(Path(folder), settings, resume, restart))
+            check_kept_stages(checkpoint.folder)
         yield _Search(problem, levels, config, breeding, checkpoint, listener or (lambda progress: None), {})
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import http.client
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -10,6 +11,7 @@ from browser import is_red, screenshot, start_browser, wait_for
 from studies.explorer_session import session
 
 import jaxgrity
+from jaxgrity.explorer import session as module
 from jaxgrity.explorer import tasks
 from jaxgrity.explorer.controls import adjusted, knobs
 from jaxgrity.explorer.exports import EXPORTS, upright
@@ -211,6 +213,24 @@ def test_without_a_common_period_there_is_no_orbit(exact):
     words = watched_words(jaxgrity.with_gait(exact, mixed), jaxgrity.stepping.resolve(exact, 1.0))
     assert words.startswith("orbit: frequencies [0.4, ")
     assert words.endswith("expected one that all actuators share, for an orbit")
+
+
+def test_a_robot_that_stays_where_it_is_has_no_turning_and_no_cost(exact, monkeypatch):
+    """Both would be rounding; a distance within its error bar is not known."""
+    q, v = np.asarray(exact.structure.nodes), np.zeros((12, 3))
+    means = (2.0, 1, 3e-16, 0.0, 1e-15, (3e-16, 0.0), 0.0, 0.0, np.zeros(0), 113.0)
+    monkeypatch.setattr(module, "find_orbit", lambda *given, **how: jaxgrity.orbits.Orbit(*means, (q, v), 1.0))
+    words = watched_words(exact, jaxgrity.stepping.resolve(exact, 1.0))
+    assert words == "settles on an orbit: the robot stays where it is, seen for 113 s"
+    zero, path = jax.numpy.zeros((), int), np.tile(q, (26, 1, 1))
+    motion = jaxgrity.Trajectory(np.linspace(0, 1, 26), path, 0 * path, zero, zero, zero, "", None)
+    monkeypatch.setattr(module, "robot_poses", lambda *given: SimpleNamespace(centre=path[:, 0]))
+    rolled = module._rolled(exact, motion, jaxgrity.stepping.resolve(exact, 1.0))
+    assert np.isnan(rolled.cost_of_transport)
+    assert "cost of transport not known" in rolled.words(1e-12)
+    assert (
+        rolled._replace(distance=11.0).words(88.0).startswith("**not known: 11.00 m at this time step, with an error")
+    )
 
 
 def test_distances_of_small_robots_keep_their_digits():

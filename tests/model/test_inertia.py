@@ -9,7 +9,7 @@ import pytest
 
 from jaxgrity import InputError, Members, Structure, describe, parse_scene
 from jaxgrity.model import energy_of_motion, mass_matrix, mobility, momenta, rigid_body, symmetries, with_mass_at_ends
-from jaxgrity.model.inertia import accelerations, along_fixed
+from jaxgrity.model.inertia import accelerations, along_fixed, rod_inertia
 
 
 def test_kinetic_energy_is_that_of_mass_spread_along_a_rod():
@@ -39,6 +39,18 @@ def test_mass_at_the_ends_of_rods_turns_three_times_as_hard():
     turning = [energy_of_motion(each, jnp.asarray(v)) for each in (alone, with_mass_at_ends(alone))]
     assert float(turning[1] / turning[0]) == pytest.approx(3)
     assert with_mass_at_ends(light) is light
+
+
+def test_the_moment_of_inertia_of_a_rod_with_its_end_nodes_is_that_of_its_energy():
+    """About the centre of mass, T = I w^2/2 for a turn w, with the mass along the rod and at its ends."""
+    x, ends, omega = np.array([[0.0, 0, 0], [0.8, 0, 0]]), np.array([0.4, 1.3]), 0.7
+    rod = Structure(x, ends, Members(((0, 1),), None, [0.8], mass=[2.0]))
+    for structure, moved in ((rod, False), (with_mass_at_ends(rod), True)):
+        v = np.cross([0, 0, omega], x - (np.asarray(structure.lumped_mass) @ x / structure.mass))
+        inertia = rod_inertia(np.array([2.0]), ends[None], np.array([0.8]), moved)
+        np.testing.assert_allclose(
+            inertia * omega**2 / 2, float(energy_of_motion(structure, jnp.asarray(v))), rtol=1e-6
+        )
 
 
 def test_momenta_are_the_mass_matrix_times_velocities(published_tower):

@@ -10,12 +10,25 @@ from matplotlib.figure import Figure
 import jaxgrity
 from jaxgrity.cli import compare
 from jaxgrity.core.display import significant
-from jaxgrity.report import gait_report, plot
+from jaxgrity.orbits.error_bars import OrbitErrorBars
+from jaxgrity.orbits.finding import Orbit
+from jaxgrity.orbits.one_cycle import OrbitCycle
+from jaxgrity.report import gait_report, measuring, plot
 from jaxgrity.report.gait_report import leave_figures, write_page
-from jaxgrity.report.gait_rows import _chosen, distance_words, late_words, leading_sentences, outcome_rows, search_rows
+from jaxgrity.report.gait_rows import (
+    _chosen,
+    _directions,
+    distance_words,
+    late_words,
+    leading_sentences,
+    outcome_rows,
+    search_rows,
+)
 from jaxgrity.report.measuring import WATCHED
 from jaxgrity.report.orbit_plot import _moving_frame
-from jaxgrity.report.steady import ensemble_time, steady_rows
+from jaxgrity.report.steady import _cycle_facts, _standing, ensemble_time
+from jaxgrity.report.steady_words import steady_rows
+from jaxgrity.trust.error_bars import Verified
 
 STEADY = {
     "settled": True,
@@ -308,9 +321,13 @@ def test_the_rows_say_how_sure_each_direction_is():
     known |= {"finalists": {"fitness": [0.732], "multipliers": None}, "diagnosis": {}, "start": 1.0, "ramp": 1.0}
     known |= {"distance": 1.75, "error_bar": 0.003, "duration": 8.0}
     rows = search_rows(known, None, jaxgrity.Distance())
-    assert (
-        rows["directions"] == "1.751 ± 0.003 m towards 120°, 1.751 ± 0.003 m towards 0°, 2 ± 10 m in no known direction"
+    assert rows["directions"] == (
+        "1.751 ± 0.003 m towards 120° (0° is along x, 90° along y). The robot is symmetric: with its actuators "
+        "relabelled by that symmetry, the same gait goes 1.751 ± 0.003 m towards 0°, or a way that is not known "
+        "(2 ± 10 m)"
     )
+    alone = search_rows({**known, "directions": [way]}, None, jaxgrity.Distance())["directions"]
+    assert alone == "1.751 ± 0.003 m towards 120° (0° is along x, 90° along y)"
     assert rows["sensitivity at the end"] == "not known"
     assert rows["search"].startswith("64 rollouts of the evolution; ")
     assert rows["fitness"] == (
@@ -347,14 +364,106 @@ def test_sentences_say_what_to_know_first():
     half = leading_sentences({**known, "steady": {**known["steady"], "body_length": 0.5}})[1]
     assert half.startswith("The speed of 128 perturbed robots is 1.65 ± 0.05 body lengths per second (standard dev")
     on_the_spot = {**known["steady"], "body_lengths_per_second": 0.0, "speed_error_bar": 1e-4, "turning": -0.5}
-    told = (
-        "The robot moves at 0.0000 ± 0.0001 body lengths per second and turns by 28.6 ± 0.2° per second to the right."
+    told = "The robot stays where it is and turns by 28.6 ± 0.2° per second to the right."
+    assert leading_sentences({**known, "steady": {**on_the_spot, "stays": True, "turns": True}})[0] == told
+    unsure = leading_sentences({**known, "steady": {**on_the_spot, "speed": 0.3, "speed_error_bar": 0.4}})[0]
+    assert unsure.startswith(
+        "Whether the robot moves is not known: its speed is 0.0 ± 0.4 body lengths per second; take"
     )
-    assert leading_sentences({**known, "steady": on_the_spot})[0] == told
     lost = {**known, "steady": {**STEADY, "settled": False}}
     assert leading_sentences(lost) == (f"The robot settles on no orbit: {ADVICE}.", needs)
     short = {"steady": None, "actuators": ACTUATORS, "distance": 2.0, "error_bar": 0.01, "duration": 8.0}
     assert leading_sentences(short) == ("The robot goes 2.00 ± 0.01 m in 8 s.", needs)
+
+
+STANDS = {"mean": 2e-16, "speed": 2e-16, "standard_deviation": 1e-16, "standard_error": 1e-17, "robots": 128}
+STANDS |= {"failed": 0, "stay": 128, "bend": None, "bend_quartiles": [None, None]}
+
+
+def test_a_robot_that_stays_where_it_is_is_said_to():
+    """First of all; nothing is said of turns, bends, headings and transport, which would be rounding."""
+    still = {**STEADY, "speed": 2.86e-16, "speed_error_bar": 8e-16, "body_lengths_per_second": 2.86e-16, "stays": True}
+    still |= {"turns": False, "robust": STANDS, "other_contact_model": STANDS, "slowest_window": 1e-16}
+    still |= {"cycle": {**STEADY["cycle"], "cost_of_transport": None}, "along_heading": {"heading": 0.0}}
+    asked = {**ACTUATORS, "cost_of_transport_by_effort": None}
+    known = {"steady": still, "actuators": asked, "within_bounds": True, "beyond_bounds": 0.0, "duration": 40.0}
+    first, robots, _ = leading_sentences(known)
+    assert first == "The robot stays where it is."
+    stay = "0 body lengths per second (128 robots stay where they are)"
+    assert robots == f"The speed of 128 perturbed robots is {stay}, and on the other contact model {stay}."
+    rows = outcome_rows(known)
+    assert list(rows) == ["speed", "lasts", "stability", "cycle", "both contact models", "actuators need"]
+    assert rows["speed"] == "0: the robot stays where it is"
+    assert rows["lasts"] == "watched for 299 s; settles after 15 s"
+    assert rows["actuators need"] == "up to 275 N, 0.99 m/s, 143 W"
+    on_the_spot = {**still, "turns": True, "turning": 0.5}
+    assert steady_rows(on_the_spot)["turning"] == "28.6 ± 0.2 °/s, on the spot"
+    short = {**known, "steady": None, "stays": True, "distance": 3e-16, "error_bar": 1e-15}
+    assert leading_sentences(short)[0] == "The robot stays where it is."
+    assert outcome_rows(short)["verified distance"] == "0: the robot stays where it is"
+    assert "transport" not in outcome_rows(short)["actuators need"]
+    assert _directions([{"distance": 3e-16, "error_bar": 1e-17, "heading": None}]) == {}
+    lost = {**short, "stays": False, "distance": 11.0, "error_bar": 88.0}
+    assert leading_sentences(lost)[0].startswith(
+        "How far the robot goes is not known: 11.00 m at this time step, with an"
+    )
+
+
+def test_bends_are_those_of_robots_that_move():
+    """Where others stay where they are; where the speed is not known, none are told."""
+    some = {**STEADY, "robust": {**STEADY["robust"], "stay": 5}}
+    assert "; half of the perturbed robots that move bend by -6° to 11°" in steady_rows(some)["turning"]
+    assert "(standard deviation 0.14; 5 robots stay where they are)" in steady_rows(some)["both contact models"]
+    lost = steady_rows({**STEADY, "speed_error_bar": 2.0})
+    assert lost["speed"].startswith("not known: 0.89 m/s at this time step, with an error bar of 2 m/s; take a smaller")
+    assert "turning" not in lost
+
+
+@pytest.mark.parametrize(
+    ("speed", "bar", "turning", "off", "found"),
+    [
+        (2e-16, 8e-16, 1e-15, 1e-16, (True, False)),
+        (9e-4, 1e-6, 0.5, 0.1, (True, True)),
+        (9e-4, 1e-6, 0.5, 0.6, (True, False)),
+        (9e-4, 0.5, 0.0, 0.0, (False, False)),
+        (9e-4, np.inf, 0.5, np.inf, (True, True)),
+        (0.1, 1e-3, 1e-4, 1e-9, (False, False)),
+    ],
+)
+def test_a_robot_stays_where_it_is_by_the_scale_of_its_body(exact, speed, bar, turning, off, found):
+    """Slower than a thousandth of a body length of 1 m in a second, with the error bar; it has no cost of transport."""
+    means = (1.0, 1, speed, 0.0, turning, (speed, 0.0), 0.0, 0.0, np.zeros(0), 60.0)
+    state = np.asarray(exact.structure.nodes), np.zeros((12, 3))
+    orbit, bars = Orbit(*means, state, 1.0), OrbitErrorBars(bar, off, 0.0, {"cost_of_transport": 1e9})
+    assert tuple(_standing(exact, orbit, bars).values()) == found
+    cycle = OrbitCycle(1.0, speed, 1.0, 1.0, 7.7e15, 1.0, 1.0, 1.0, ())
+    facts = _cycle_facts(exact, orbit, cycle, bars)
+    costs = facts["cost_of_transport"], facts["error_bars"]["cost_of_transport"]
+    assert costs == ((None, None) if speed < 1e-3 else (7.7e15, 1e9))
+
+
+@pytest.mark.parametrize(("distance", "stays"), [(3e-16, True), (0.5, False)])
+def test_a_robot_that_stays_has_no_heading_and_no_cost_of_transport(exact, monkeypatch, distance, stays):
+    """In the files of a search either: rounding would give both."""
+    ends = np.array([[distance, 0.0, 0.0]])
+    verified = Verified(ends[:, 0], ends[:, 0] / 9, 0 * ends, ends, (1e-3,) * 3)
+    monkeypatch.setattr(measuring, "verify", lambda *given, **how: verified)
+    headings = [each["heading"] for each in measuring.directions(exact, jaxgrity.SolverOptions(), 8.0)]
+    assert headings == ([None] if stays else [0.0]) * len(headings)
+    assert measuring.verified_stays(exact, verified, 8.0) is stays
+    weight = float(exact.structure.mass * exact.gravity)
+    cost = measuring.cost_of_way(exact, 3.0, distance, 8.0)
+    assert cost is None if stays else cost == pytest.approx(3.0 / weight / distance)
+
+
+def test_a_long_cycle_lists_a_few_faces():
+    faces = [[k, k + 1, k + 2] for k in range(48)]
+    told = steady_rows({**STEADY, "cycle": {**STEADY["cycle"], "supports": faces}})["cycle"]
+    assert told.endswith(
+        "stands on the faces 0-1-2, 1-2-3, 2-3-4, 3-4-5, 4-5-6, 5-6-7, 6-7-8, 7-8-9 and 40 more in turn"
+    )
+    told = steady_rows({**STEADY, "cycle": {**STEADY["cycle"], "supports": faces[:8]}})["cycle"]
+    assert told.endswith(", 7-8-9 in turn")
 
 
 def test_the_page_leads_with_them(tmp_path):
@@ -407,7 +516,9 @@ def test_a_small_robot_has_as_many_digits(size):
     )
     assert rows["both contact models"].startswith(f"{robots} m/s (standard deviation {0.14 * size:.2g})")
     found = {"distance": 0.5 * size, "error_bar": size, "duration": 8.0}
-    assert distance_words(found).startswith(f"{significant(0.5 * size, 2, 2)} m in 8 s at this time step")
+    assert distance_words(found).startswith(
+        f"not known: {significant(0.5 * size, 2, 2)} m at this time step, with an er"
+    )
     assert compare.COLUMNS["steady, m/s"]({"steady": small}) == speed
     compared = compare.COLUMNS["other model"]({"other_contact_model": along, "unit": "m"})
     assert compared.startswith(f"{significant(0.8 * size)} m (")

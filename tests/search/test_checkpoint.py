@@ -12,11 +12,18 @@ from jaxgrity import GAConfig, Genome, InputError
 from jaxgrity.io.files import save_arrays
 from jaxgrity.model.height_fields import HeightFunction
 from jaxgrity.search import load_states, open_checkpoint
-from jaxgrity.search.checkpoint import fingerprint, holds_unfinished, left_over
+from jaxgrity.search.checkpoint import fingerprint, holds_unfinished, left_over, saved_arrays
 from jaxgrity.search.climb import ClimbStep
 from jaxgrity.search.genetic_algorithm import EvolutionState, Generation, Record, begin
 from jaxgrity.search.judging import Scores
-from jaxgrity.search.kept_stages import load_polished, load_promoted, save_polished, save_promoted
+from jaxgrity.search.kept_stages import (
+    KEPT_VERSION,
+    check_kept_stages,
+    load_polished,
+    load_promoted,
+    save_polished,
+    save_promoted,
+)
 from jaxgrity.search.polish import Polished
 from jaxgrity.search.promotion import Agreement, Promoted
 from jaxgrity.trust.sensitivity import Sensitivity
@@ -334,6 +341,42 @@ def test_damaged_results_of_a_stage_are_refused(tmp_path, load, name, rest):
     (tmp_path / name).write_bytes(b"PK\x03\x04 half of a file")
     with pytest.raises(InputError, match=rf"{name}: damaged: .*; expected a run of this version, or restart$"):
         load(tmp_path, rest)
-    save_arrays(tmp_path / name, genes=np.zeros(3))
+    save_arrays(tmp_path / name, genes=np.zeros(3), version=KEPT_VERSION)
     with pytest.raises(InputError, match=rf"{name}: is not complete: .*; expected a run of this version, or restart$"):
         load(tmp_path, rest)
+
+
+@pytest.mark.parametrize(
+    ("name", "version", "said"),
+    [
+        ("promoted.npz", None, "no version"),
+        ("polished.npz", None, "no version"),
+        ("polished.npz", KEPT_VERSION + 1, f"version {KEPT_VERSION + 1}, not {KEPT_VERSION}"),
+    ],
+)
+def test_results_that_another_release_kept_are_refused(tmp_path, name, version, said):
+    """Though all that is read of them is there."""
+    save_promoted(tmp_path, promoted_gaits(None))
+    save_polished(tmp_path, polished_gait(None, ()))
+    check_kept_stages(tmp_path)
+    kept = saved_arrays(tmp_path / name)
+    del kept["version"]
+    save_arrays(tmp_path / name, **kept, **({} if version is None else {"version": version}))
+    with pytest.raises(
+        InputError, match=rf"{name}: kept by another release, with {said}; expected a run of this version, or restart$"
+    ):
+        check_kept_stages(tmp_path)
+
+
+def test_what_stages_keep_changes_with_its_version():
+    """Whoever changes a field counts `KEPT_VERSION` up, and tells this test."""
+    kinds = (Promoted, Agreement, Scores, Polished, ClimbStep, Sensitivity)
+    assert KEPT_VERSION == 1
+    assert {kind.__name__: " ".join(kind._fields) for kind in kinds} == {
+        "Promoted": "genes finals multipliers agreement",
+        "Agreement": "levels fitness evolved rank_correlation rank_correlation_of_the_evolved",
+        "Scores": "fitness mean spread failed each excess",
+        "Polished": "genes genome improved before after steps horizon sensitivity rollouts reason",
+        "ClimbStep": "horizon gradient_norm pathwise_share fitness",
+        "Sensitivity": "times norm unit",
+    }

@@ -41,6 +41,7 @@ from jaxgrity import (
     simulate,
     with_gait,
 )
+from jaxgrity.io.files import save_arrays
 from jaxgrity.orbits import find_orbit, stability
 from jaxgrity.report.gait_report import Origin, write_report
 from jaxgrity.report.measuring import actuators, directions
@@ -54,6 +55,7 @@ from jaxgrity.search import (
     load_states,
     without_force_bounds,
 )
+from jaxgrity.search.checkpoint import saved_arrays
 from jaxgrity.search.fidelity import excess_at
 from jaxgrity.search.genetic_algorithm import distinct
 from jaxgrity.search.judging import standard_error, with_robots
@@ -352,11 +354,16 @@ def test_a_resumed_search_repeats_no_stage_that_was_done(exact, config, whole, i
     ]
 
 
-def test_a_search_that_begins_again_forgets_all_stages(interrupted):
-    """Results of another search would pass for its own."""
+def test_a_search_that_begins_again_forgets_all_stages(exact, config, interrupted):
+    """Results of another search would pass for its own. Those of another release are refused before anything runs."""
     folder = interrupted("verifying", 0)
     assert (folder / "promoted.npz").exists()
-    assert (folder / "polished.npz").exists()
+    kept, heard = saved_arrays(folder / "polished.npz"), []
+    del kept["version"]
+    save_arrays(folder / "polished.npz", **kept)
+    with pytest.raises(InputError, match=r"polished\.npz: kept by another release, with no version; expected a run of"):
+        search_gaits(exact, config, folder=folder, resume=True, on_progress=heard.append)
+    assert not heard
     interrupted("evolving", 0, restart=True)
     assert not list(folder.glob("po*.npz")) + list(folder.glob("pr*.npz"))
 

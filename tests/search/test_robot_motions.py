@@ -105,6 +105,23 @@ def test_swaying_on_a_circle_is_no_speed(exact, monkeypatch, swings):
     np.testing.assert_allclose(found.bend, 2.0 * float(jaxgrity.model.body_length(scene)), rtol=1e-6)
 
 
+def test_robots_that_stay_where_they_are_have_no_bend(exact, monkeypatch):
+    """What their paths turn by in a body length is rounding; they are counted, and their speed counts."""
+    known, scene = module.path_bend, jaxgrity.with_gait(exact, jaxgrity.load_gait("lasting"))
+    monkeypatch.setattr(module, "ensembles_rolled_out", arcs([0.1, 0.0, 0.2, 0.1], [0, 0, 0, 1]))
+    monkeypatch.setattr(
+        module,
+        "_path_bend",
+        lambda *given: tuple(np.array(x) * f for x, f in zip(known(*given), ([1, 1e-3, 1, 1], [1, -1e9, 1, 1]))),
+    )
+    found = jaxgrity.search.robot_motions(scene, FRICTION, robots=4, duration=24.0)
+    np.testing.assert_allclose(found.speed, [0.1, 1e-4, 0.1, np.nan], rtol=1e-6)
+    np.testing.assert_array_equal(np.isnan(found.bend), [False, True, False, True])
+    facts = found.summary()
+    assert (facts["stay"], facts["failed"]) == (1, 1)
+    assert facts["bend"] == pytest.approx(1.5 * float(jaxgrity.model.body_length(scene)))
+
+
 def test_all_may_fail(exact, monkeypatch):
     """Then neither their speed nor their bend is known."""
     monkeypatch.setattr(module, "ensembles_rolled_out", arcs([0.1, 0.1], [2, 1]))
