@@ -131,8 +131,8 @@ def solve_nearest_contacts(problem: ContactProblem, start: AnyNodeVectors) -> So
     answers = G[:, columns]
     few = ContactProblem(answers[columns], b[rows], near, root_mass[rows], tolerance, enough)
     found = solve_contacts(few, start[rows])
-    trial = -b - (answers @ as_impulses(near, found.trial).ravel()).reshape(b.shape)
-    trial = trial.at[rows].set(found.trial)
+    without = -b - (answers @ as_impulses(near, found.trial).ravel()).reshape(b.shape)
+    trial = jnp.asarray(without).at[rows].set(found.trial)
     pressed = (trial[:, 0] + contact.closing > 0).at[rows].set(False)
     whole = (found.error <= enough) & ~jnp.any(pressed)
     return jax.lax.cond(whole, lambda: Solved(trial, found.error), lambda: solve_contacts(problem, start))
