@@ -42,7 +42,7 @@ than it has motions makes their matrix singular. A smaller ridge lets rounding e
 iterations."""
 NEAREST = 8
 """Number of contacts that a step of twice as many or more solves first: those nearest to the ground. Most robots stand
-on fewer. A step with 20 contacts then costs a sixth (measured)."""
+on fewer. A step with 20 contacts then costs a fifth (measured)."""
 HALVINGS = 8
 """Number of lengths that are tried for a Newton step: the whole step, a half of it, a quarter, and so on."""
 
