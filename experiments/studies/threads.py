@@ -29,7 +29,7 @@ VERTEBRAE, STRUTS = 12, 26
 SOLVERS = {
     "in blocks": {},
     "by LAPACK": {
-        "jaxgrity.stepping.contact_problem.solution": jnp.linalg.solve,
+        "jaxgrity.stepping.coupled_contacts.solution": jnp.linalg.solve,
         "jaxgrity.stepping.coupled_problem.inverse_of": jnp.linalg.inv,
         "jaxgrity.model.inertia.inverse_of": jnp.linalg.inv,
     },

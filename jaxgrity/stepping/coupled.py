@@ -29,7 +29,7 @@ import numpy as np
 from jaxgrity.core.dense import least_solution
 from jaxgrity.core.side_by_side import applied, contracted, for_many, where_needed, while_any
 from jaxgrity.core.types import AnyArray, AnyMemberVectors, AnyNodeVectors, AnyPerMember, AnyPerNode
-from jaxgrity.stepping.coupled_contacts import NORMAL, ContactProblem, as_impulses, solve_contacts
+from jaxgrity.stepping.coupled_contacts import NORMAL, ContactProblem, as_impulses, solve_nearest_contacts
 from jaxgrity.stepping.coupled_problem import (
     Coupled,
     Elimination,
@@ -195,8 +195,6 @@ def _search(problem: Coupled, guess: AnyArray, near: AnyNodeVectors) -> tuple[_F
     start = _Found(nothing, nothing[:, 0], trial, near, infinite, infinite, jnp.ones(many, dtype))
     if problem.apart is None:
         return _round(problem, root_mass, first, start), first.units, root_mass
-    # a robot that has failed, whose numbers are not finite, must not keep those beside it waiting
-    alive = jnp.isfinite(jnp.sum(problem.start, axis=(0, 1)))
     fine, close = (jnp.finfo(dtype).eps ** power for power in (0.75, 0.5))
 
     def attempt(state):
@@ -216,10 +214,11 @@ def _search(problem: Coupled, guess: AnyArray, near: AnyNodeVectors) -> tuple[_F
         lost = (count == 0) & ~((found.stretch <= close) & (found.along > STEEPEST))
         return count + 1, jax.tree.map(lambda a, b: jnp.where(lost, a, b), start, found), parts.units
 
-    # projections lose energy: what the first directions bring `close` is taken as it is
+    # projections lose energy: what the first directions bring `close` is taken as it is. A robot that has failed, whose
+    # stretch is NaN, ends the loop by itself
     def unmet(state):
         count, found, _ = state
-        return (found.stretch > jnp.where(count == 1, close, fine)) & (count <= PROJECTIONS) & alive
+        return (found.stretch > jnp.where(count == 1, close, fine)) & (count <= PROJECTIONS)
 
     _, found, u = while_any(unmet, attempt, (none, start, first.units))
     return found, u, root_mass
@@ -244,7 +243,7 @@ def _round(problem: Coupled, root_mass: AnyPerMember, parts: Elimination, found:
         contact = scaled(problem.contact, root_mass)
         start = as_impulses(contact, found.trial)
         start = start - b - applied(parts.G, start)
-        z, error = solve_contacts(ContactProblem(parts.G, b, contact, root_mass, tolerance, enough), start)
+        z, error = solve_nearest_contacts(ContactProblem(parts.G, b, contact, root_mass, tolerance, enough), start)
     w, p = contact_of(problem, root_mass, z)
     f, pulls = found.struts, found.pulls
     if problem.reach is not None:

@@ -342,14 +342,8 @@ def test_populations_have_rods_and_supports_of_their_own_masses():
         np.testing.assert_allclose(found, alone.positions[-1], rtol=0, atol=1e-9)
 
 
-def test_a_body_on_many_more_contacts_than_it_has_motions_rests_at_once(monkeypatch):
-    """A slab on a grid of nine contacts, which share its weight in many ways, with nine more above them.
-
-    Newton's method needs one iteration, since no contact changes. Rounding errors of a singular matrix once made it
-    go astray, so that other methods took over, at many times the cost.
-    """
-    monkeypatch.setattr(coupled_contacts, "NEWTON", 2)
-    monkeypatch.setattr(coupled_contacts, "ROUNDS", 0)
+def slab(gap: np.ndarray) -> coupled_contacts.ContactProblem:
+    """A slab of 1 kg on a grid of nine contacts, with nine more above them, that falls for a step with these gaps."""
     h, inertia, side = 2e-3, 1 / 6, np.linspace(-0.1, 0.1, 3)
     x = np.stack(np.meshgrid([0, 0.1], side, side, indexing="ij"), axis=-1).reshape(-1, 3)
     r, units = x - x.mean(0), np.eye(3)
@@ -360,15 +354,59 @@ def test_a_body_on_many_more_contacts_than_it_has_motions_rests_at_once(monkeypa
     root = 1 / np.sqrt(np.diag(response).reshape(-1, 3).mean(1))
     scale = np.repeat(root, 3)
     fall = (scale * (reach @ [-G * h, 0, 0, 0, 0, 0])).reshape(-1, 3)
-    contact = Contact(jnp.array(-x[:, 0] / h * root), jnp.array(0.5))
+    contact = Contact(jnp.array(-(x[:, 0] + gap) / h * root), jnp.array(0.5))
     tolerance = np.finfo(float).eps ** 0.75
-    problem = coupled_contacts.ContactProblem(
+    return coupled_contacts.ContactProblem(
         jnp.array(scale[:, None] * response * scale), jnp.array(fall), contact, jnp.array(root), tolerance, tolerance
     )
+
+
+def test_a_body_on_many_more_contacts_than_it_has_motions_rests_at_once(monkeypatch):
+    """A slab on nine contacts, which share its weight in many ways.
+
+    Newton's method needs one iteration, since no contact changes. Rounding errors of a singular matrix once made it
+    go astray, so that other methods took over, at many times the cost.
+    """
+    monkeypatch.setattr(coupled_contacts, "NEWTON", 2)
+    monkeypatch.setattr(coupled_contacts, "ROUNDS", 0)
+    problem = slab(np.zeros(18))
     z, error = coupled_contacts.solve_contacts(problem, -problem.b)
-    assert error <= tolerance
-    p = np.asarray(coupled_contacts.as_impulses(contact, z)) * root[:, None]
-    np.testing.assert_allclose(p[:, 0].sum(), G * h, rtol=1e-9)
+    assert error <= problem.tolerance
+    p = np.asarray(coupled_contacts.as_impulses(problem.contact, z) * problem.root_mass[:, None])
+    np.testing.assert_allclose(p[:, 0].sum(), G * 2e-3, rtol=1e-9)
+
+
+def test_contacts_out_of_reach_are_no_unknowns(monkeypatch):
+    """A slab in the air, or on four feet: the same velocities as with all contacts, from eight of them.
+
+    If those that are taken first are too few, and another would sink in, all are solved.
+    """
+    solve, feet = coupled_contacts.solve_contacts, np.where(np.isin(np.arange(18), [0, 2, 6, 8]), 0.0, 0.05)
+    of_all = jax.jit(lambda problem: solve(problem, -problem.b))
+
+    def from_nearest(nearest, unused=None):
+        """The solution that takes so many contacts first, and where no solution with `unused` contacts is finite."""
+
+        def solved(problem, start):
+            found = solve(problem, start)
+            return found._replace(trial=found.trial * jnp.nan) if len(start) == unused else found
+
+        def found(problem):
+            with monkeypatch.context() as changed:
+                changed.setattr(coupled_contacts, "NEAREST", nearest)
+                changed.setattr(coupled_contacts, "solve_contacts", solved)
+                return coupled_contacts.solve_nearest_contacts(problem, -problem.b)
+
+        return jax.jit(found)
+
+    of_eight = from_nearest(8, unused=18)
+    for gap, solved in ((feet + 1.0, of_eight), (feet, of_eight), (feet, from_nearest(2))):
+        problem = slab(gap)
+        found, whole = solved(problem), of_all(problem)
+        w, expected = (coupled_contacts.as_impulses(problem.contact, z) - z for z in (found.trial, whole.trial))
+        np.testing.assert_allclose(w, expected, atol=1e-12)
+        assert found.error <= problem.tolerance
+        assert np.array_equal(w, problem.b) == (gap[0] > 0)
 
 
 def test_the_nearest_point_of_a_cone():
