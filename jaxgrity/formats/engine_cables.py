@@ -17,7 +17,7 @@ CABLE_KEYS = (
 """All keys of a cable. The last four say how fast a motor winds it, and move nothing by themselves."""
 
 
-class Cable(NamedTuple):
+class EngineCable(NamedTuple):
     """A cable, in the file's unit of length."""
 
     name: str
@@ -34,7 +34,7 @@ Sites = list[dict[str, np.ndarray]]
 """Of each rod, the places of the sites at which cables end."""
 
 
-def cable_of(given: Any, where: str) -> Cable:
+def cable_of(given: Any, where: str) -> EngineCable:
     table = table_of(given, where)
     check_keys(table, CABLE_KEYS, where)
     name = name_in(table, "name", where)
@@ -49,10 +49,10 @@ def cable_of(given: Any, where: str) -> Cable:
     if not rest > wound:
         raise InputError(f"{where}.init_act_length = {wound:g}: expected less than the rest length, {rest:g}")
     damping = number_in(table, "damping", where, not_negative)
-    return Cable(name, (ends[0], ends[1]), stiffness, damping, rest - wound, driven)
+    return EngineCable(name, (ends[0], ends[1]), stiffness, damping, rest - wound, driven)
 
 
-def sites_of(rods: list[Rod], cables: list[Cable], sites: dict[str, Any]) -> Sites:
+def sites_of(rods: list[Rod], cables: list[EngineCable], sites: dict[str, Any]) -> Sites:
     """Refuses cables that the engines do not pull together."""
     owner: dict[str, int] = {}
     for k, rod in enumerate(rods):

@@ -10,9 +10,9 @@ import numpy as np
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.formats.compounds import spanning_points
-from jaxgrity.formats.engine_cables import Cable, Sites, cable_of, sites_of
+from jaxgrity.formats.engine_cables import EngineCable, Sites, cable_of, sites_of
 from jaxgrity.formats.engine_rods import Rod, rod_of
-from jaxgrity.formats.engine_tables import ROBOTS, listed, number_in, parsed, table_of, taken, vector_of
+from jaxgrity.formats.engine_tables import ROBOTS, number_in, parsed, parts_in, table_of, taken, vector_of
 from jaxgrity.formats.foreign import MOST_NODES, Imported, Losses, positive, some_of
 from jaxgrity.model.balls import Balls
 from jaxgrity.model.bodies import BESIDE_POINTS, rigid_body
@@ -79,8 +79,8 @@ def _imported(content: dict[str, Any], unit: float, losses: Losses) -> Imported:
     gravity = vector_of(content.get("gravity", GRAVITY), "gravity")
     if gravity[2] > 0 or np.any(gravity[:2]):
         raise InputError(f"gravity = {gravity.tolist()}: expected it along -z, towards the ground")
-    rods = [rod_of(each, f"rods[{k}]", losses) for k, each in enumerate(listed(robot, "rods", key))]
-    strings = enumerate(listed(robot, ROBOTS[key], key))
+    rods = [rod_of(each, f"rods[{k}]", losses) for k, each in enumerate(parts_in(robot, "rods", key))]
+    strings = enumerate(parts_in(robot, ROBOTS[key], key))
     cables = [cable_of(each, f"{ROBOTS[key]}[{k}]") for k, each in strings]
     for parts in (rods, cables):
         name, count = Counter(each.name for each in parts).most_common(1)[0]
@@ -175,7 +175,7 @@ def _depth(rod: Rod) -> float:
 
 
 def _structure(
-    rods: list[Rod], cables: list[Cable], sites: Sites, how: tuple[float, float, bool]
+    rods: list[Rod], cables: list[EngineCable], sites: Sites, how: tuple[float, float, bool]
 ) -> tuple[Structure, tuple[int, ...]]:
     """The structure, and the nodes of end caps that move. `how`: unit of length, lift, whether rods spin."""
     unit, lift, spins = how
@@ -229,7 +229,7 @@ def _conventions(scene: Scene, unit: float) -> list[str]:
     ]
 
 
-def _conditions(cables: list[Cable], contact: dict[str, float]) -> list[str]:
+def _conditions(cables: list[EngineCable], contact: dict[str, float]) -> list[str]:
     """What the file leaves to a program, and where contact differs."""
     slip, out = contact["friction_damping"], contact["baumgarte"]
     driven = [k for k, cable in enumerate(cables) if cable.driven]

@@ -28,7 +28,7 @@ def parsed(path: str | Path) -> dict[str, Any]:
     return found
 
 
-def listed(table: dict[str, Any], key: str, where: str) -> list[Any]:
+def parts_in(table: dict[str, Any], key: str, where: str) -> list[Any]:
     found = taken(table, key, where)
     if not isinstance(found, list) or not found:
         raise InputError(f"{where}.{key} = {short(found)}: expected a list of at least one")
