@@ -1,4 +1,4 @@
-"""Convert a robot between file formats: TOML, NTRT (YAML), MuJoCo (XML), MATLAB, CSV, URDF, GLB, OBJ."""
+"""Convert a robot between file formats: TOML, NTRT (YAML), MuJoCo (XML), MATLAB, CSV, JSON, URDF, GLB, OBJ."""
 
 import dataclasses
 from pathlib import Path
@@ -8,7 +8,8 @@ import numpy as np
 from jaxgrity.cli.settings import ConvertSettings
 from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
-from jaxgrity.formats.conversion import find_format, read_any, write_any
+from jaxgrity.formats.conversion import read_any, write_any, writer_of
+from jaxgrity.formats.engine_scenes import read_engine
 from jaxgrity.formats.foreign import Imported
 from jaxgrity.formats.mjcf_reading import read_mjcf
 from jaxgrity.formats.ntrt import DECIMETRE, read_ntrt
@@ -40,7 +41,7 @@ def main(settings: ConvertSettings) -> None:
 
 
 def _read(settings: ConvertSettings) -> Imported:
-    find_format(settings.target)  # refuses what it does not know before anything is read
+    writer_of(settings.target)  # refuses what it does not know before anything is read
     check_file(settings.target)
     ending, unit = Path(settings.source).suffix.lower(), settings.unit
     if settings.columns and ending != ".csv":
@@ -49,13 +50,16 @@ def _read(settings: ConvertSettings) -> Imported:
         raise InputError(f"--keyframe {settings.keyframe}: expected --keyframe with MuJoCo models (.xml) alone")
     if ending in (".yaml", ".yml"):
         return read_ntrt(settings.source, DECIMETRE if unit is None else unit, settings.drop)
+    if ending == ".json":
+        return read_engine(settings.source, 1.0 if unit is None else unit, settings.drop)
     if unit is not None:
-        raise InputError(f"--unit {unit:g}: {settings.source} is read in metres; expected --unit with NTRT files alone")
+        found = f"--unit {unit:g}: {settings.source} is read in metres"
+        raise InputError(f"{found}; expected --unit with NTRT (.yaml) and JSON files alone")
     if ending in MUJOCO:
         return read_mjcf(settings.source, settings.drop, settings.keyframe)
     if settings.drop:
         found = f"--drop {' '.join(settings.drop)}: {settings.source} is read whole"
-        raise InputError(f"{found}; expected --drop with NTRT files and MuJoCo models alone")
+        raise InputError(f"{found}; expected --drop with NTRT and JSON files and MuJoCo models alone")
     if ending == ".csv":
         return read_tables(settings.source, dict(pair.rpartition("=")[::2] for pair in settings.columns))
     return read_any(settings.source)

@@ -194,18 +194,18 @@ class TrainSettings:
 
 @dataclass
 class ConvertSettings:
-    """Convert a robot between file formats: TOML, NTRT (YAML), MuJoCo (XML), MATLAB, CSV, URDF, GLB, OBJ."""
+    """Convert a robot between file formats: TOML, NTRT (YAML), MuJoCo (XML), MATLAB, CSV, JSON, URDF, GLB, OBJ."""
 
     source: Annotated[str, Positional]
-    """file to read (.toml, .yaml, .xml, .mat, .csv), or name of a library scene"""
+    """file to read (.toml, .yaml, .xml, .mat, .csv, .json), or name of a library scene"""
     target: Annotated[Path, Positional]
     """file to write (.toml, .yaml, .xml, .mat, .csv, .urdf, .glb, .obj)"""
     settle: bool = False
     """first let the structure come to rest without gravity, and set it down on its ground"""
     unit: float | None = None
-    """length unit of an NTRT file, m; by default 0.1. Other files are in metres"""
+    """length unit of an NTRT file (by default 0.1) or a JSON file (1), m. Other files are in metres"""
     drop: tuple[str, ...] = ()
-    """parts of a MuJoCo or NTRT file to leave out, such as friction; the error for another word lists what there is"""
+    """parts of a MuJoCo, NTRT or JSON file to leave out, such as friction; the error for another word lists all"""
     mass_at_ends: bool = False
     """put the mass of rods at their ends: a search takes a fraction of the time, but rods are harder to turn"""
     keyframe: str = ""

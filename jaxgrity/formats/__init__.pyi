@@ -1,4 +1,5 @@
 from .conversion import FORMATS, Format, read_any, write_any
+from .engine_scenes import read_engine
 from .foreign import Imported
 from .matlab import read_matlab, save_matlab
 from .meshes import save_mesh
@@ -20,6 +21,7 @@ __all__ = [
     "mjcf_controls",
     "mujoco_model",
     "read_any",
+    "read_engine",
     "read_matlab",
     "read_mjcf",
     "read_ntrt",

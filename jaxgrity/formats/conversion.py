@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
+from jaxgrity.formats.engine_scenes import read_engine
 from jaxgrity.formats.foreign import Imported
 from jaxgrity.formats.matlab import read_matlab, save_matlab
 from jaxgrity.formats.meshes import save_mesh
@@ -26,7 +27,7 @@ class Format(NamedTuple):
     name: str
     endings: tuple[str, ...]
     read: Callable[[Path], Imported] | None
-    write: Callable[[Scene, Path], tuple[str, ...]]
+    write: Callable[[Scene, Path], tuple[str, ...]] | None
     """returns sentences on what the file does not hold"""
 
 
@@ -49,6 +50,7 @@ FORMATS = (
     Format("MuJoCo model (MJCF)", (".xml", ".mjcf"), read_mjcf, _write_mjcf),
     Format("MATLAB file", (".mat",), read_matlab, save_matlab),
     Format("tables (CSV)", (".csv",), read_tables, save_tables),
+    Format("robot of a differentiable engine (JSON)", (".json",), read_engine, None),
     Format("robot description (URDF)", (".urdf",), None, save_urdf),
     Format("mesh", (".glb", ".obj"), None, save_mesh),
 )
@@ -75,7 +77,15 @@ def write_any(scene: Scene, path: str | Path) -> tuple[str, ...]:
 
     Raises `InputError` where the ending is unknown, or the scene has what that kind of file cannot hold.
     """
-    return find_format(path).write(scene, Path(path))
+    return writer_of(path)(scene, Path(path))
+
+
+def writer_of(path: str | Path) -> Callable[[Scene, Path], tuple[str, ...]]:
+    """What writes files of this kind. Raises `InputError` where nothing does."""
+    found = find_format(path)
+    if found.write is None:
+        raise InputError(f"{path}: a {found.name} is not written; expected {_endings(lambda each: each.write)}")
+    return found.write
 
 
 def find_format(path: str | Path) -> Format:

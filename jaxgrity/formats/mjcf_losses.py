@@ -107,7 +107,6 @@ def _tendons(model: Any, losses: Losses) -> None:
         ("limits", model.tendon_actfrclimited, "a limited force of its actuators"),
         ("friction", _dry(model, model.tendon_frictionloss), "dry friction (frictionloss)"),
         ("forces", getattr(model, "tendon_armature", np.zeros(model.ntendon)), "armature"),
-        ("forces", _terms(model, "tendon_stiffnesspoly"), "a spring that is not linear"),
         ("damping", _terms(model, "tendon_dampingpoly"), "damping that is not in proportion to speed"),
     ):
         if np.any(values):

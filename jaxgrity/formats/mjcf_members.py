@@ -12,6 +12,7 @@ from jaxgrity.model.clusters import cables_of, nodes_along
 from jaxgrity.model.force_laws import CableDampers, DeadBand
 from jaxgrity.model.pulls import forced_cables
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.stiffening import polynomial_terms
 
 STRONGEST = 1e9
 """Limit of a cable's force in an MJCF file, N: no cable of a robot reaches it."""
@@ -20,7 +21,7 @@ STRONGEST = 1e9
 def add_members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str]:
     """Tendons with springs, and with actuators where a gait moves them."""
     tendons, actuators = add_element(root, "tendon"), add_element(root, "actuator")
-    structure, damped, stopped, held = plan.structure, False, 0, 0
+    structure, damped, stopped, held, bent = plan.structure, False, 0, 0, 0
     size, beside, constant = amplitudes(scene.gait), _beside_cables(scene), list[dict[str, Any]]()
     for name, members, first in structure.numbered:
         kind = name.removesuffix("s")
@@ -31,13 +32,15 @@ def add_members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str
             assert members.stiffness is not None, "springs, by the plan"
             K, L = _in_series(members.stiffness, cord), float(np.sum(members.rest_length[list(cord)]))
             c = 0.0 if members.damping is None else _in_series(members.damping, cord)
-            band, damper, pull, slope = beside[k] if kind == "cable" else (0.0, 0.0, 0.0, 0.0)
+            band, damper, pull, slope, *bends = beside[k] if kind == "cable" else (0.0,) * 6
             ends = [max(L - band, 0.0), L]
             name, driven = f"{kind}{k}", first + k in plan.actuated
             # as they are read again: the damping of a tendon that never pushes is that of a taut cable
             own = not K or (band < L and not driven)
             both = c + damper if own else c
-            spring: dict[str, Any] = {"stiffness": K, "damping": both, "springlength": ends if band else L}
+            bent += bool(any(bends) and (driven or band < L))
+            whole = K if not any(bends) or band < L else [K, K * bends[0], K * bends[1]]
+            spring: dict[str, Any] = {"stiffness": whole, "damping": both, "springlength": ends if band else L}
             forced = bool(pull or slope) and not K
             held += bool(K and slope and driven)
             if (pull and K) or (forced and not driven):
@@ -62,6 +65,11 @@ def add_members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str
         add_element(actuators, "general", **force)
     notes += [f"the pull of {held} springs beside their command does not change there"] if held else []
     notes += [f"{stopped} cables that actuators move do not push beyond their dead bands there"] if stopped else []
+    notes += (
+        [f"{bent} cables that actuators move, or that push, do not grow stiffer with their stretch there"]
+        if bent
+        else []
+    )
     moved = (
         f"{len(plan.actuated)} actuators change rest lengths by their controls (m); the gait itself is no part of it"
     )
@@ -83,8 +91,10 @@ def _tendon(parent: ElementTree.Element, name: str, nodes: tuple[int, ...], law:
         add_element(tendon, "site", site=f"n{node}")
 
 
-def _beside_cables(scene: Scene) -> dict[int, tuple[float, float, float, float]]:
-    """Dead band, m, damper, N s/m, and commanded pull, N, and its slope, N/m, of each cable, by its first segment.
+def _beside_cables(scene: Scene) -> dict[int, tuple[float, ...]]:
+    """Dead band, m, damper, N s/m, commanded pull, N, and its slope, N/m, and the coefficients of `polynomial_terms`.
+
+    By the first segment of each cable.
 
     Without a dead band it never pushes.
     """
@@ -98,10 +108,9 @@ def _beside_cables(scene: Scene) -> dict[int, tuple[float, float, float, float]]
             band = np.minimum(band, np.asarray(term.width, float))
         elif isinstance(term, CableDampers):
             damper = damper + np.asarray(term.damping, float)
-    return {
-        min(cord): each
-        for cord, each in zip(cords, zip(band.tolist(), damper.tolist(), *forced_cables(scene).T.tolist()))
-    }
+    bends = polynomial_terms(scene.terms, len(cords))
+    rows = np.column_stack([band, damper, forced_cables(scene), bends]).tolist()
+    return {min(cord): tuple(row) for cord, row in zip(cords, rows)}
 
 
 def _in_series(values: PerMember, cord: tuple[int, ...]) -> float:

@@ -12,6 +12,7 @@ from jaxgrity.formats.mjcf_losses import name_of, watched
 from jaxgrity.model.force_laws import cable_dampers, dead_band, force_limit
 from jaxgrity.model.laws import Law
 from jaxgrity.model.pulls import commanded_pull
+from jaxgrity.model.stiffening import polynomial_stiffness
 from jaxgrity.model.structure import Members
 
 mujoco: Any = lazy_loader.load("mujoco")
@@ -32,6 +33,8 @@ class Spring(NamedTuple):
     """m, from the rest length to the shortest and to the longest that controls make it"""
     dead_band: float = np.inf
     """m, below the rest length, within which a cable is slack; then it pushes"""
+    bends: tuple[float, float] = (0.0, 0.0)
+    """1/m and 1/m^2, of a cable that pulls with K x (1 + a x + b x^2) at the stretch x"""
     damper: float = 0.0
     """N s/m, of a cable, which acts while it is slack, too"""
     largest: float = np.inf
@@ -66,6 +69,7 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
         else:
             spring = Spring(name, "strut" if low == high else "cable", path, K, float(high), c)
             spring = spring if low in (0, high) else pushing_cable(spring, float(high - low))
+        spring = spring._replace(bends=_bends(model, t, spring, t in driven or t in forces, losses))
         spring = _with_force(spring, forces[t], losses) if t in forces else spring
         if spring.acts or spring.damper:
             found.append(spring)
@@ -82,6 +86,19 @@ def springs_of(model: Any, data: Any, losses: Losses) -> list[Spring]:
     if any(spring.kind == "cable" and spring.damping for spring in found):
         losses.note("the damping of tendons acts there while they are slack, too; here while they pull")
     return found
+
+
+def _bends(model: Any, t: int, spring: Spring, actuated: bool, losses: Losses) -> tuple[float, float]:
+    """The terms of higher order of a tendon's spring, as shares of its stiffness. Loses those that no cable has."""
+    higher = np.zeros(2) if not hasattr(model, "tendon_stiffnesspoly") else model.tendon_stiffnesspoly[t]
+    if not np.any(higher):
+        return 0.0, 0.0
+    alone = spring.kind == "cable" and spring.stiffness > 0 and not actuated and not np.isfinite(spring.dead_band)
+    if alone and len(higher) == 2 and higher.min() >= 0:
+        return float(higher[0] / spring.stiffness), float(higher[1] / spring.stiffness)
+    what = "a spring that is not linear, and pushes, softens, has no first term or an actuator"
+    losses.lose("forces", f"tendon {spring.name}: {what}")
+    return 0.0, 0.0
 
 
 def _with_force(spring: Spring, force: Force, losses: Losses) -> Spring:
@@ -187,7 +204,9 @@ def laws_of(springs: list[Spring], cables: Members | None, notes: list[str]) -> 
     laws: list[Law] = [force_limit(cables, largest)] if min(largest) < LARGEST_NUMBER else []
     laws += [dead_band(cables, bands)] if pushing else []
     laws += [cable_dampers(cables, dampers)] if any(dampers) else []
-    return (*laws, commanded_pull(cables, pulls, slopes)) if any(pulls) or any(slopes) else tuple(laws)
+    laws += [commanded_pull(cables, pulls, slopes)] if any(pulls) or any(slopes) else []
+    quadratic, cubic = zip(*(each.bends for each in springs))
+    return (*laws, polynomial_stiffness(cables, quadratic, cubic)) if any(quadratic) or any(cubic) else tuple(laws)
 
 
 def _path(model: Any, tendon: int) -> tuple[int, ...]:

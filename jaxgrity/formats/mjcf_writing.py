@@ -20,12 +20,13 @@ from jaxgrity.model.hinges import HingeDampers, HingeSprings
 from jaxgrity.model.pulls import CommandedPull
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.stiffening import PolynomialStiffness
 
 ADDED_INERTIA = 1e-13
 """Share of a body's inertia that is added: MuJoCo refuses flat bodies of which rounding leaves less than flat."""
 THINNEST = 1e-13
 """Radius, m, of the thinnest bars that are drawn: MuJoCo refuses a radius of zero."""
-WRITTEN = (DeadBand, CableDampers, CommandedPull, HingeSprings, HingeDampers)
+WRITTEN = (DeadBand, CableDampers, CommandedPull, PolynomialStiffness, HingeSprings, HingeDampers)
 """Laws beyond the usual ones that MuJoCo models hold."""
 LARGEST_STEP = 2e-3
 """Largest time step, s for a body of one metre."""

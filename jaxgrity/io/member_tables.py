@@ -83,5 +83,7 @@ class CablesTable(_MembersTable):
     largest_force: Positive | list[Positive] | None = None
     dead_band: NotNegative | list[NotNegative] | None = None
     damper: NotNegative | list[NotNegative] | None = None
+    quadratic: NotNegative | list[NotNegative] | None = None
+    cubic: NotNegative | list[NotNegative] | None = None
     pull: NotNegative | list[NotNegative] | None = None
     pull_slope: NotNegative | list[NotNegative] | None = None

@@ -31,8 +31,17 @@ from jaxgrity.model.motors import Motor
 from jaxgrity.model.pulleys import CableRoute, Pulley, built_lengths, check_pulleys, check_wraps
 from jaxgrity.model.pulls import CommandedPull, commanded_pull
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.stiffening import PolynomialStiffness, polynomial_stiffness
 from jaxgrity.model.structure import Members, per_member
 from jaxgrity.model.strut_contact import radius_of_struts, strut_contact, touching_like, without_strut_contact
+
+FIELDS_OF_LAWS: dict[type, dict[str, str]] = {
+    ForceLimit: {"largest_force": "largest"},
+    DeadBand: {"dead_band": "width"},
+    CableDampers: {"damper": "damping"},
+    PolynomialStiffness: {"quadratic": "quadratic", "cubic": "cubic"},
+}
+"""Keys of [cables], and the fields of laws that hold the same numbers for each cable."""
 
 
 def build_members(
@@ -129,6 +138,8 @@ def cable_laws(table: CablesTable | None, cables: Members | None) -> tuple[Law, 
             found.append(cable_dampers(cables, table.damper))
         if _is_forced(table):
             found.append(commanded_pull(cables, _or_zero(table.pull), _or_zero(table.pull_slope)))
+        if table.quadratic is not None or table.cubic is not None:
+            found.append(polynomial_stiffness(cables, _or_zero(table.quadratic), _or_zero(table.cubic)))
     except InputError as error:
         raise InputError(f"cables: {error}") from error
     return tuple(found)
@@ -138,16 +149,10 @@ def force_keys(law: Law) -> dict[str, Any]:
     """The keys of a nonlinear force law in a [cables] table; none for other laws."""
     if type(law) is ForceTable:
         return {"force": ForceKeys(*(np.asarray(x).tolist() for x in (law.stretch, law.force)))}
-    if type(law) is ForceLimit:
-        return {"largest_force": one_or_all(law.largest)}
-    if type(law) is DeadBand:
-        return {"dead_band": one_or_all(law.width)}
-    if type(law) is CableDampers:
-        return {"damper": one_or_all(law.damping)}
     if type(law) is CommandedPull:
         factors = 1.0 if law.factors is None else law.factors
         return {"pull": one_or_all(factors * law.pull), "pull_slope": one_or_all(factors * law.slope)}
-    return {}
+    return {key: one_or_all(getattr(law, name)) for key, name in FIELDS_OF_LAWS.get(type(law), {}).items()}
 
 
 def _is_forced(table: CablesTable) -> bool:

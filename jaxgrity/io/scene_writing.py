@@ -58,6 +58,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import Shaking, SupportMotion
 from jaxgrity.model.slides import Slides
 from jaxgrity.model.solids import Box, Cylinder, Sphere, Stairs
+from jaxgrity.model.stiffening import PolynomialStiffness
 from jaxgrity.model.structure import Structure
 from jaxgrity.model.strut_contact import BETWEEN_STRUTS
 from jaxgrity.model.surface import Slope, Surface
@@ -67,9 +68,9 @@ WIDTH = 120
 """Most characters in a line of lists. A longer list of lists takes one line for each."""
 OBSTACLES = {Box: BoxTable, Sphere: SphereTable, Cylinder: CylinderTable}
 ORDER_OF_TERMS: dict[type, int] = {Slides: 0, Wind: 1, Push: 2, ForceTable: 3, ForceLimit: 3, DeadBand: 4}
-ORDER_OF_TERMS |= {CableDampers: 5, CommandedPull: 6, HingeSprings: 7, HingeDampers: 8}
-ORDER_OF_TERMS |= dict.fromkeys(ALONG_STRUTS, 9) | dict.fromkeys(BETWEEN_STRUTS, 10)
-"""Order in which `load_scene` adds terms; of each of the first nine kinds but pushes it adds one at most."""
+ORDER_OF_TERMS |= {CableDampers: 5, CommandedPull: 6, PolynomialStiffness: 7, HingeSprings: 8, HingeDampers: 9}
+ORDER_OF_TERMS |= dict.fromkeys(ALONG_STRUTS, 10) | dict.fromkeys(BETWEEN_STRUTS, 11)
+"""Order in which `load_scene` adds terms; of each of the first ten kinds but pushes it adds one at most."""
 FRICTIONS = {SmoothFriction: "smooth", SwitchFriction: "switch", ConeFriction: "cone"}
 
 

@@ -13,6 +13,7 @@ from .pulls import commanded_pull
 from .scene import body_length
 from .sizes import MATERIALS, Material, sized_members
 from .slides import Slides
+from .stiffening import polynomial_stiffness
 from .strut_contact import with_contact_between_struts
 from .surface import Frame, Surface
 from .symmetry import gene_permutations, image, standing_symmetries, symmetries
@@ -44,6 +45,7 @@ __all__ = [
     "mobility",
     "momenta",
     "penalty_twin",
+    "polynomial_stiffness",
     "random_members",
     "rest_length",
     "rigid_body",

@@ -14,6 +14,7 @@ from jaxgrity import control, model, search
 from jaxgrity.model import force_laws
 from jaxgrity.model.hinges import HingeDampers, HingeSprings
 from jaxgrity.model.pulls import CommandedPull
+from jaxgrity.model.stiffening import PolynomialStiffness
 
 ANY, POSITIVE, NOT_NEGATIVE, COUNT, INDEX, OTHER = "any number", "positive", "not negative", "count", "index", "other"
 """Kinds of fields: finite real numbers, whole numbers from 1 and from 0 on, and what holds no numbers."""
@@ -201,6 +202,12 @@ EXAMPLES = [
         CommandedPull,
         pull=(ONES, NOT_NEGATIVE, ROWS),
         slope=(ONES, NOT_NEGATIVE, ROWS),
+        factors=(ONES, NOT_NEGATIVE, ROWS),
+    ),
+    _of(
+        PolynomialStiffness,
+        quadratic=(ONES, NOT_NEGATIVE, ROWS),
+        cubic=(ONES, NOT_NEGATIVE, ROWS),
         factors=(ONES, NOT_NEGATIVE, ROWS),
     ),
     _of(

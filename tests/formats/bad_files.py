@@ -16,9 +16,10 @@ from jaxgrity import InputError, load_scene, save_scene
 from jaxgrity.formats import read_any, read_ntrt, save_matlab, save_mjcf, save_tables
 
 DATA = Path(__file__).parents[1] / "data" / "ntrt"
+ENGINE = Path(__file__).parents[1] / "data" / "engine" / "prism.json"
 WORDS = ("nan", "inf", "-1", "1e999", "x", "[]", "{}", "99999999999999999999", "", "true", '"', "\x00", "0", "1e-320")
 """in place of a number"""
-BOMBS = 24
+BOMBS = 27
 
 
 def good_files(folder: Path) -> dict[str, list[Path]]:
@@ -33,12 +34,14 @@ def good_files(folder: Path) -> dict[str, list[Path]]:
     (folder / "prism.yaml").write_text((DATA / "prism.yaml").read_text())
     (folder / "b.yaml").write_text((DATA / "spine.yaml").read_text())
     (folder / "c.yaml").write_text((DATA / "docked.yaml").read_text())
+    (folder / "a.json").write_text(ENGINE.read_text())
     return {
         ".toml": [folder / "a.toml"],
         ".yaml": [folder / "a.yaml", folder / "b.yaml", folder / "c.yaml"],
         ".xml": [folder / "a.xml"],
         ".mat": [folder / "a.mat"],
         ".csv": [folder / "a.nodes.csv", folder / "a.members.csv"],
+        ".json": [folder / "a.json"],
     }
 
 
@@ -75,6 +78,9 @@ def bombs(folder: Path) -> Iterator[Path]:
         "memory.xml": '<mujoco><size memory="900G"/></mujoco>',
         "copies.xml": '<mujoco><worldbody><replicate count="99999999"><body/></replicate></worldbody></mujoco>',
         "composite.xml": '<mujoco><worldbody><composite type="cable" count="99999999 1 1"/></worldbody></mujoco>',
+        "deep.json": '{"tensegrity_cfg": ' * deep + "1" + "}" * deep,
+        "list.json": "[" * deep + "]" * deep,
+        "digits.json": '{"tensegrity_cfg": ' + "9" * 5000 + "}",
         "deep.toml": "a = " + "[" * deep + "]" * deep,
         "keys.toml": ".".join("a" * 20_000) + " = 1",
         "grid.toml": '[structure]\nkind = "grid"\nrows = 10000\ncolumns = 10000\nmass = 1\n',

@@ -24,7 +24,7 @@ def test_good_files_are_read(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", [".toml", ".yaml", ".xml", ".mat", ".csv"])
+@pytest.mark.parametrize("ending", [".toml", ".yaml", ".xml", ".mat", ".csv", ".json"])
 def test_three_hundred_damaged_files(ending, tmp_path):
     """Cut off, with noise, other values, lines lost or there twice: no error but the one for bad input, in one line."""
     found = [outcome(path) for path in damaged(tmp_path, ending, 300)]

@@ -1,12 +1,15 @@
 """MuJoCo models with springs that push and pull, dead bands and dampers: free flight as there; written as they were."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from jaxgrity import Gait, InputError, SolverOptions, load_scene, save_scene, simulate, with_gait, with_terms
 from jaxgrity.formats import read_mjcf, save_mjcf
-from jaxgrity.model import cable_dampers, dead_band
+from jaxgrity.model import cable_dampers, dead_band, polynomial_stiffness
 from jaxgrity.model.force_laws import CableDampers, DeadBand
+from jaxgrity.model.stiffening import PolynomialStiffness
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -272,3 +275,53 @@ def test_a_spring_and_a_servo_on_one_tendon(tmp_path):
     pulling = twice.replace('name="p"', 'name="p" forcerange="-9 0"')
     with pytest.raises(InputError, match="actuator q: is one of several servos of its tendon, of which one only pulls"):
         found(tmp_path, pulling)
+
+
+BENT = [
+    ("v a0", 'stiffness="60 40 25" springlength="0 1.2"'),
+    ("t b0", 'stiffness="60 0 90" springlength="0 1.2"'),
+    ("v b0 a0 u", 'stiffness="30 20" springlength="0 4.5"'),
+    ("w a0", 'stiffness="40" springlength="0 2.5"'),
+]
+"""Springs of MuJoCo 4 with terms of higher order, one of them over three segments, and a linear one."""
+has_polynomials = pytest.mark.skipif(not hasattr(mujoco.MjModel, "tendon_stiffnesspoly"), reason="MuJoCo before 4")
+
+
+@has_polynomials
+def test_polynomial_springs_pull_as_in_mujoco(tmp_path):
+    """RK4 at 1e-4 s in both, 0.5 s: within 1e-6 m. Without their terms of higher order it is another motion."""
+    text = model(POINT, BENT)
+    scene, _ = found(tmp_path, text)
+    (law,) = scene.terms
+    np.testing.assert_allclose(law.quadratic, [40 / 60, 0, 20 / 30, 0])
+    np.testing.assert_allclose(law.cubic, [25 / 60, 90 / 60, 0, 0])
+    options = SolverOptions(method="rk4", dt=1e-4)
+    error, _ = largest_error(scene, ends(scene, options), text)
+    assert error < 1e-6
+    linear = dataclasses.replace(
+        scene, terms=(polynomial_stiffness(scene.structure.cables, law.quadratic.tolist(), 0.0),)
+    )
+    assert largest_error(linear, ends(linear, options), text)[0] > 1e-2
+    assert save_mjcf(scene, tmp_path / "again.xml").notes == ()
+    save_scene(scene, tmp_path / "robot.toml")
+    for again in (read_mjcf(tmp_path / "again.xml").scene, load_scene(tmp_path / "robot.toml")):
+        assert [type(term) for term in again.terms] == [PolynomialStiffness]
+        np.testing.assert_allclose(again.terms[0].quadratic, law.quadratic, rtol=1e-12)
+        np.testing.assert_allclose(again.terms[0].cubic, law.cubic, rtol=1e-12)
+    driven = with_gait(scene, Gait((0,), np.zeros(1), np.full(1, 0.1), np.ones(1)))
+    notes = save_mjcf(driven, tmp_path / "driven.xml").notes
+    assert "1 cables that actuators move, or that push, do not grow stiffer with their stretch there" in notes
+
+
+@has_polynomials
+@pytest.mark.parametrize("law", ['stiffness="60 40" springlength="1.2"', 'stiffness="60 -4" springlength="0 1.2"'])
+def test_other_polynomial_springs_are_refused(tmp_path, law):
+    """Those that push, and those that soften: here cables only pull, and grow stiffer."""
+    text = model(POINT, [BENT[3], ("v a0", law)])
+    with pytest.raises(
+        InputError, match=r"tendon t1: a spring that is not linear, and pushes, softens.* --drop forces"
+    ):
+        found(tmp_path, text)
+    scene, notes = found(tmp_path, text, drop=["forces"])
+    assert scene.terms == ()
+    assert any(note.startswith("dropped: tendon t1: a spring that is not linear") for note in notes)

@@ -44,6 +44,7 @@ from jaxgrity.model import (
     cable_dampers,
     commanded_pull,
     dead_band,
+    polynomial_stiffness,
     rigid_body,
     standing_symmetries,
     symmetries,
@@ -59,6 +60,7 @@ from jaxgrity.model.pulls import CommandedPull
 from jaxgrity.model.rod_contact import ALONG_STRUTS
 from jaxgrity.model.scene import KNOWN_FRICTIONS, KNOWN_LAWS
 from jaxgrity.model.slides import Slides
+from jaxgrity.model.stiffening import PolynomialStiffness
 from jaxgrity.model.strut_contact import BETWEEN_STRUTS
 from jaxgrity.stepping import limiting_part, standing
 from jaxgrity.stepping.step_limits import part_shares
@@ -93,6 +95,7 @@ def scenes(reference, exact):
     cables = exact.structure.cables
     laced = with_terms(exact, force_table(cables, [0.0, 0.1, 0.2], [0.0, 60.0, 180.0]), force_limit(cables, 200.0))
     laced = with_terms(laced, dead_band(cables, 0.1), cable_dampers(cables, 1.0), commanded_pull(cables, 5.0, 9.0))
+    laced = with_terms(laced, polynomial_stiffness(cables, 2.0, 5.0))
     payload = rigid_body(exact.structure.nodes, (0, 1, 4, 5, 8), 2.0, [0.1, 0.1, 0.1])
     loaded = eqx.tree_at(lambda s: s.structure.bodies, exact, (payload,))
     touching = with_contact_between_struts(with_contact_along_struts(reference, 2), 0.01)
@@ -123,7 +126,17 @@ def test_every_law_of_the_library_is_known():
     laws = concrete(Law)
     assert len(laws) > 10
     pairs = *ALONG_STRUTS, *BETWEEN_STRUTS
-    known = {*KNOWN_LAWS, Wind, Push, ForceTable, ForceLimit, DeadBand, CableDampers, CommandedPull}
+    known = {
+        *KNOWN_LAWS,
+        Wind,
+        Push,
+        ForceTable,
+        ForceLimit,
+        DeadBand,
+        CableDampers,
+        CommandedPull,
+        PolynomialStiffness,
+    }
     known |= {Slides, HingeSprings, HingeDampers, *pairs}
     assert {law for law in laws if law not in known and law.name not in {f.name for f in KNOWN_FRICTIONS}} == set()
     assert set(KNOWN_LAWS) <= laws
