@@ -137,7 +137,7 @@ def pages(root: Path) -> dict[str, dict[str, str]]:
         facts = json.loads(read_text(root / "docs" / "measured" / f"{name}.json"))
         for mark, block in source.blocks.items():
             found.setdefault(block.page, {})[mark] = block.words(facts)
-    found[README]["library"] = library.gaits_table(tuple(n for n in gait_names() if n not in library.EARLIER))
+    found[README]["library"] = library.gaits_table(tuple(n for n in gait_names() if n not in library.NOT_FIRST))
     found[GAITS] = {"library": library.gaits_table()}
     found[GAIT_RECORDS] |= library.full_gaits_tables() | {"library/commands": library.gait_commands()}
     return found

@@ -42,9 +42,10 @@ def test_gaits_of_the_library_fit_their_scenes(name):
     assert 0 < steady["cycle"]["work"] < steady["cycle"]["effort"]
     assert steady["robust"]["robots"] == steady["other_contact_model"]["robots"] == 128
     shares = [steady["robust"]["mean"], steady["other_contact_model"]["speed"]] / np.array(steady["speed"])
-    assert (shares > (0.85 if record["scene"] != "uphill" else 0.8)).all()
+    level = scene.ground.incline == 0.0  # on slopes, some robots lose their heading on penalty contact
+    assert (shares > (0.85 if level else 0.8)).all()
     for each in (steady["robust"], steady["other_contact_model"]):
-        assert each["standard_deviation"] < 0.15 * steady["speed"]
+        assert each["standard_deviation"] < (0.15 if level else 0.2) * steady["speed"]
     assert record["command"].startswith(("python experiments/gait_search.py", "jaxgrity search"))
 
 
@@ -68,6 +69,7 @@ PERIODS = {
     "left": (2, 2),
     "right": (2, 2),
     "uphill": (1, 2),
+    "steep": (2, 1),
 }
 """Periods per cycle on exact contact and on penalty contact: after fewer of them shapes differ by millimetres."""
 

@@ -362,7 +362,7 @@ def test_motions_have_their_names(name, path, supports, airborne):
 
 SOFTER = ("gentle", "thrifty")
 """for a softer robot"""
-HOPPING_GAITS = ("cables", "fast", "gentle", "uphill")
+HOPPING_GAITS = ("cables", "fast", "gentle", "steep", "uphill")
 """of the library"""
 
 
