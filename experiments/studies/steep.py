@@ -107,9 +107,9 @@ def words(record: Record) -> str:
     """What was found on each slope."""
     cells = {
         "slope": "{slope:g}°",
-        "perturbed robots uphill, body lengths/s": lambda row: _with_spread(row["robust"]),
+        "perturbed robots: speed, body lengths/s": lambda row: _with_spread(row["robust"]),
         "of these climb": lambda row: f"{row['climbing']['own']:.0%}",
-        "uphill on penalty contact": lambda row: _with_spread(row["other_contact_model"]),
+        "speed on penalty contact": lambda row: _with_spread(row["other_contact_model"]),
         "climb there": lambda row: f"{row['climbing']['other']:.0%}",
         "orbit: uphill": lambda row: f"{row['uphill']:.2f}" if row["settled"] else "none",
         "off the steepest way": lambda row: f"{row['off']:.0f}°" if row["settled"] else "-",
@@ -130,6 +130,6 @@ def figure(record: Record, chart: Figure) -> None:
             share = (np.arange(len(speeds[name])) + 0.5) / len(speeds[name])
             axes.plot(speeds[name], share, f"{marker}-", markevery=0.1, markersize=4, label=f"{row['slope']:g}°")
         axes.axvline(0, color="black", linewidth=0.8)
-        axes.set(title=title, xlabel="speed uphill (body lengths/s)")
+        axes.set(title=title, xlabel="speed (body lengths/s)")
     panes[0].set_ylabel("share of robots")
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside right upper", title="slope")
