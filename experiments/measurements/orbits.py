@@ -88,13 +88,18 @@ def cells_of(row: Record) -> list[str]:
 
 @orbits.figure(6)
 def figure(record: Record, chart: Figure) -> None:
-    """The paths of the centre of mass, seen from above; those that stay near in a pane of their own."""
+    """The paths of the centre of mass, seen from above; those that stay near, and those on slopes, apart."""
     rows = [{**row, "path": np.asarray(row["path"]) - row["path"][0]} for row in record["rows"]]
     turning = {row["gait"] for row in rows if np.abs(row["path"]).max() < NEAR}
-    titles = "centre of mass, from above", "gaits that turn"
-    for pane, title, turns in zip(chart.subfigures(1, 2), titles, (False, True)):
+    leaning = {row["gait"] for row in rows if load_scene(gait_record(row["gait"])["scene"]).ground.incline}
+    level = {row["gait"] for row in rows} - turning - leaning
+    left, right = chart.subfigures(1, 2)
+    titles = {"centre of mass, from above": level, "gaits that turn": turning, "gaits on slopes": leaning}
+    for pane, (title, shown) in zip((left, *right.subfigures(2, 1)), titles.items()):
+        here = [row for row in rows if row["gait"] in shown]
+        if not here:
+            continue
         axes = pane.subplots()
-        here = [row for row in rows if (row["gait"] in turning) == turns]
         gaits = list(dict.fromkeys(row["gait"] for row in here))
         for row in here:
             k = gaits.index(row["gait"])

@@ -44,7 +44,7 @@ CLIMBS = 0.05
 )
 def steep(
     slopes: tuple[float, ...] = (17.5, 20.0, 21.0, 22.0, 23.0, 24.0, 25.0),
-    sideways: float = 0.5,
+    sideways: float = 0.0,
     duration: float = 60.0,
     population: int = 128,
     generations: tuple[int, int] = (40, 4),
