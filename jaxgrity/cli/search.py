@@ -12,11 +12,13 @@ import numpy as np
 from jaxgrity.cli.progress import Bars
 from jaxgrity.cli.scenes import chosen_scene, scene_name
 from jaxgrity.cli.search_settings import ObjectiveSettings, SearchSettings
+from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.contact_twin import exact_twin, is_exact
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.inertia import with_mass_at_ends
 from jaxgrity.model.scene import Scene
+from jaxgrity.populations.population import one_gait
 from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.report.gait_report import FILES, Origin, write_report
 from jaxgrity.report.gait_rows import late_words
@@ -24,11 +26,14 @@ from jaxgrity.search.checkpoint import holds_unfinished, left_over
 from jaxgrity.search.objectives import ActuatorBounds, Objective, find_objective
 from jaxgrity.search.pipeline import Progress, SearchResult, search_gaits
 from jaxgrity.search.polish_config import PolishConfig
-from jaxgrity.search.search_config import EvaluationConfig, SearchConfig
+from jaxgrity.search.search_config import EvaluationConfig, SearchConfig, search_problem
 from jaxgrity.search.search_space import SearchSpace
 from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import ROUGH, SolverOptions, is_coupled
+
+WEAKER = 0.005
+"""Smallest loss of strokes of which a search tells, as a share: half a per cent is what it shows."""
 
 
 def objective_of(settings: ObjectiveSettings) -> Objective:
@@ -87,7 +92,8 @@ def main(settings: SearchSettings) -> None:
         f"Searching for a gait of {scene_name(settings.scene)}: gaits evolve on a rough model, and finer models test "
         f"the best.\nThe winner is {polished}verified. Compiling takes a minute the first time.\n"
         f"Results go to {settings.out}/. After Ctrl-C, the same command with --resume continues.\n\n"
-        f"{replaced_words(settings)}{standstill_words(scene, config)}{faster_words(scene, str(settings.scene))}"
+        f"{replaced_words(settings)}{weaker_words(scene, config)}{standstill_words(scene, config)}"
+        f"{faster_words(scene, str(settings.scene))}"
     )
     found: dict[str, str] = {}
     with Bars() as bars:
@@ -134,6 +140,23 @@ def standstill_words(scene: Scene, config: SearchConfig) -> str:
     ramp = scene.gait.ramp if config.space.ramp is None else config.space.ramp
     late = late_words(float(scene.gait.start + ramp), config.duration)
     return f"The objective {late}.\n\n" if late else ""
+
+
+def weaker_words(scene: Scene, config: SearchConfig) -> str:
+    """How much weaker the gait to begin with is in the search, which keeps the bound on rates; none if it is not."""
+    if not config.from_gait:
+        return ""
+    problem = search_problem(scene, config)
+    own, genome = problem.scene.gait, problem.genome
+    assert own is not None, "`search_problem` refuses a scene without a gait"
+    begun = one_gait(genome.gaits(own, genome.genes_of(own)[None]), 0)
+    share = float(np.sum(begun.amplitude) / np.sum(own.amplitude))
+    if share > 1 - WEAKER:
+        return ""
+    return (
+        f"The gait begins with {share:.0%} of its strokes, since the whole of them exceeds the bound on the rate with "
+        f"this ramp. --ramp None keeps the gait's own ramp of {in_digits(float(own.ramp), 3)} s.\n\n"
+    )
 
 
 def faster_words(scene: Scene, name: str) -> str:

@@ -62,8 +62,7 @@ class SearchSettings:
     scene: str = "exact"
     """name of a library scene (reference, exact, uphill), or a scene file (TOML) with a [gait]"""
     gait: str | None = None
-    """gait to begin with: name of a library gait, or a gait.json. The first generation are its mutations; None: random
-    gaits"""
+    """gait to begin with: name of a library gait, or a gait.json; None: random gaits"""
     out: Path = Path("results/gait_search")
     """folder for all files of the search"""
     duration: float = 40.0

@@ -217,7 +217,8 @@ def _evolve(search: _Search) -> tuple[Evolution, ...]:
         search.tell(Progress("evolving", done, total, facts | within))
 
     seed = search.config.seed
-    parent = search.problem.genome.genes_of(search.problem.scene.gait) if search.config.from_gait else None
+    gait = search.problem.scene.gait if search.config.from_gait else None
+    parent = None if gait is None else search.problem.genome.genes_of(gait)
     found = evolve_through(
         levels, search.problem, configs, seed=seed, parent=parent, states=states, on_generation=save_and_tell
     )

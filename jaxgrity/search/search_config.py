@@ -95,7 +95,7 @@ class SearchConfig(_Grouped):
     first generation"""
     from_gait: bool = False
     """whether the first generation has the scene's own gait and its mutations, and no random gaits; later mutations are
-    smaller, too"""
+    smaller, too. Like all gaits it gets the ramp of `space`, and strokes are scaled down to the bound on the rate"""
     wide: bool = True
     """whether screening begins with 4 times as many random gaits, and continues with children of the best eighth. A
     wide screening ignores bounds on force and power. After it, an eighth of the population continues on the scene's own

@@ -18,6 +18,7 @@ import jaxgrity
 from jaxgrity.report import plot
 from jaxgrity.report.notebook import search_html
 from jaxgrity.search.pipeline import SearchResult
+from jaxgrity.trust.error_bars import Verified
 
 SHOWN_WIDTH = 830 * 0.75
 """points: how wide a page shows a figure, of 96 pixels an inch"""
@@ -130,8 +131,9 @@ def test_a_search_shows_itself_in_the_words_of_its_report(motion):
     """With units, and two standard errors after a mean over robots, as everywhere."""
     robots = {"mean": 0.824, "standard_deviation": 0.14, "standard_error": 0.012, "step_error": 2.5e-3, "robots": 128}
     facts = {"distance": 30.2, "error_bar": 0.04, "robust": robots, "other_contact_model": robots, "beyond_bounds": 0.2}
+    verified = Mock(spec=Verified, distance=np.array([30.2]), error_bar=np.array([0.04]))
     verdict, problem = (
-        SimpleNamespace(summary=lambda: facts),
+        SimpleNamespace(summary=lambda: facts, verified=verified),
         SimpleNamespace(duration=40.0, fitness=jaxgrity.Fitness()),
     )
     page = search_html(Mock(spec=SearchResult, scene=motion[0], verdict=verdict, problem=problem))

@@ -243,7 +243,7 @@ def test_settings_are_flat_in_files():
 def test_a_search_may_begin_with_the_gait_of_its_scene(exact):
     """Its genes are found, or what is not possible is refused; later mutations are smaller."""
     scene = with_gait(exact, load_gait("straight"))
-    config = SearchConfig(from_gait=True)
+    config = SearchConfig(from_gait=True, space=SearchSpace(ramp=None))
     genome = search_problem(scene, config).genome
     gaits = genome.gaits(scene.gait, genome.genes_of(scene.gait)[None])
     np.testing.assert_allclose(gaits.amplitude[0], scene.gait.amplitude, rtol=1e-9)
