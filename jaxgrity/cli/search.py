@@ -92,7 +92,7 @@ def main(settings: SearchSettings) -> None:
         f"Searching for a gait of {scene_name(settings.scene)}: gaits evolve on a rough model, and finer models test "
         f"the best.\nThe winner is {polished}verified. Compiling takes a minute the first time.\n"
         f"Results go to {settings.out}/. After Ctrl-C, the same command with --resume continues.\n\n"
-        f"{replaced_words(settings)}{weaker_words(scene, config)}{standstill_words(scene, config)}"
+        f"{replaced_words(settings)}{changed_words(scene, config)}{standstill_words(scene, config)}"
         f"{faster_words(scene, str(settings.scene))}"
     )
     found: dict[str, str] = {}
@@ -142,21 +142,21 @@ def standstill_words(scene: Scene, config: SearchConfig) -> str:
     return f"The objective {late}.\n\n" if late else ""
 
 
-def weaker_words(scene: Scene, config: SearchConfig) -> str:
-    """How much weaker the gait to begin with is in the search, which keeps the bound on rates; none if it is not."""
+def changed_words(scene: Scene, config: SearchConfig) -> str:
+    """How the search changes the gait to begin with: by its ramp, and by the bound on the rate; none if it does not."""
     if not config.from_gait:
         return ""
     problem = search_problem(scene, config)
     own, genome = problem.scene.gait, problem.genome
     assert own is not None, "`search_problem` refuses a scene without a gait"
     begun = one_gait(genome.gaits(own, genome.genes_of(own)[None]), 0)
+    ramps, changes = [in_digits(float(gait.ramp), 3) for gait in (begun, own)], []
+    if ramps[0] != ramps[1]:
+        changes.append(f"gets the ramp of the search, {ramps[0]} s (--ramp None: its own, {ramps[1]} s)")
     share = float(np.sum(begun.amplitude) / np.sum(own.amplitude))
-    if share > 1 - WEAKER:
-        return ""
-    return (
-        f"The gait begins with {share:.0%} of its strokes, since the whole of them exceeds the bound on the rate with "
-        f"this ramp. --ramp None keeps the gait's own ramp of {in_digits(float(own.ramp), 3)} s.\n\n"
-    )
+    if share < 1 - WEAKER:
+        changes.append(f"keeps {share:.0%} of its strokes, by the bound on the rate (--objective.largest-rate)")
+    return f"The gait to begin with {', and '.join(changes)}.\n\n" if changes else ""
 
 
 def faster_words(scene: Scene, name: str) -> str:

@@ -23,7 +23,7 @@ from jaxgrity.orbits.motion_report import MotionReport, motion_report
 from jaxgrity.populations.population import gaits_of, one_gait, simulate_population
 from jaxgrity.report import plot, view
 from jaxgrity.report.animation import animate, check_film
-from jaxgrity.search.paths import stays
+from jaxgrity.search.paths import stays_within
 from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.options import SolverOptions, resolve
@@ -135,7 +135,7 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
                 plot.drawn("path.png", lambda: plot.save(plot.path_figure(scene, trajectory, bar), out / "path.png"))
     motion = plot.drawn("account of the motion", lambda: motion_report(scene, trajectory))
     bar = trust.error_bar if trust else None
-    print(conclusion(distance, bar, motion, bool(stays(scene, max(distance, bar or 0.0) / duration))))
+    print(conclusion(distance, bar, motion, stays_within(scene, max(distance, bar or 0.0), duration)))
     if trust:
         print(trust.table())
     return {
@@ -160,7 +160,7 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
 def conclusion(distance: float, error_bar: float | None, motion: MotionReport | None, still: bool = False) -> str:
     """Distance and motion of a rollout in words; that it is not known if the error bar exceeds the distance, m.
 
-    `still`: whether the robot stays where it is (`stays`), by all that the error bar allows.
+    `still`: whether the robot stays where it is (`stays_within`), by all that the error bar allows.
     """
     if not np.isfinite(distance):
         return "no distance: the simulation failed"
@@ -168,7 +168,7 @@ def conclusion(distance: float, error_bar: float | None, motion: MotionReport | 
     if error_bar is not None and not np.isfinite(error_bar):
         moved = f"do not trust the distance, since its error bar is unknown: {moved}"
     elif still:
-        moved = "moved 0 m: the centre of mass ends where it began"
+        moved = "moved less than a hundredth of a body length horizontally: the robot stays where it is"
     elif error_bar is not None:
         told = known_words(distance, error_bar, " m", ".2g")
         moved = f"how far the robot moved is {told}" if error_bar > distance else f"moved {told}"

@@ -47,7 +47,7 @@ def with_error(
     if error is None or not math.isfinite(error):
         return f"{significant(value) if decimals is None else _rounded(value, decimals)}{unit} (error not known)"
     most = KNOWN - 1 - _exponent(value) if decimals is None else decimals
-    error = max(error, 0.5 * 10.0**-most)
+    error = max(error, 0.5 * 10.0 ** -max(0, most))
     error = float(f"{error:{digits}}")
     known = min(most, int(digits[1:-1]) - 1 - _exponent(error))
     told = f"{value:.2e}" if known > MOST_DECIMALS + KNOWN else _rounded(value, max(0, known))
@@ -58,6 +58,8 @@ def with_error(
 
 def known_words(value: float, error: float | None, unit: str = "", digits: str = ".1g") -> str:
     """A number with its error (`with_error`), or, where that is larger, that it is not known, and what to do."""
+    if not math.isfinite(value):
+        return "not known"
     if error is None or not math.isfinite(error) or error <= abs(value):
         return with_error(value, error, unit, digits)
     found = f"{significant(value, 2, 2)}{unit} at this time step, with an error bar of {in_digits(error, 2)}{unit}"

@@ -17,7 +17,7 @@ from jaxgrity.orbits.finding import find_orbit, period_of
 from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.report.poses import RobotPoses, robot_poses
 from jaxgrity.search.objectives import CostOfTransport
-from jaxgrity.search.paths import stays
+from jaxgrity.search.paths import stays, stays_within
 from jaxgrity.stepping.discretisation import FAILURES
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate
@@ -44,7 +44,7 @@ class Rolled(NamedTuple):
     """m, horizontal, of the centre of mass"""
     cost_of_transport: float
     """of `CostOfTransport`: since the gait began; NaN where the robot has no weight, or stays where it is
-    (`stays`), or the method has no fixed step"""
+    (`stays_within`), or the method has no fixed step"""
 
     def words(self, error_bar: float | None, orbit: str = "") -> str:
         """The facts, as Markdown; `orbit`: the robot's orbit in words."""
@@ -139,7 +139,7 @@ def _rolled(scene: Scene, trajectory: Trajectory, options: Options) -> Rolled:
     poses = robot_poses(scene, trajectory, FRAME_RATE)
     moved = poses.centre[-1] - poses.centre[0]
     distance, duration = float(np.hypot(*moved[:2])), float(trajectory.times[-1])
-    cost = np.nan if stays(scene, distance / duration) else _cost_of_transport(scene, duration, options)
+    cost = np.nan if stays_within(scene, distance, duration) else _cost_of_transport(scene, duration, options)
     return Rolled(scene, trajectory, poses, distance, cost)
 
 

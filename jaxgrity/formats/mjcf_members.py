@@ -5,6 +5,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import PerMember
 from jaxgrity.formats.foreign import add_element
 from jaxgrity.formats.mjcf_plan import Plan, amplitudes
@@ -108,8 +109,10 @@ def _beside_cables(scene: Scene) -> dict[int, tuple[float, ...]]:
             band = np.minimum(band, np.asarray(term.width, float))
         elif isinstance(term, CableDampers):
             damper = damper + np.asarray(term.damping, float)
-    bends = polynomial_terms(scene.terms, len(cords))
-    rows = np.column_stack([band, damper, forced_cables(scene), bends]).tolist()
+    bends, forced = polynomial_terms(scene.terms, len(cords)), forced_cables(scene)
+    if np.any(np.any(bends, axis=1) & np.any(forced, axis=1)):
+        raise InputError("cables: quadratic or cubic beside pull; MJCF files that are read back have one of both")
+    rows = np.column_stack([band, damper, forced, bends]).tolist()
     return {min(cord): tuple(row) for cord, row in zip(cords, rows)}
 
 

@@ -139,6 +139,7 @@ def cable_laws(table: CablesTable | None, cables: Members | None) -> tuple[Law, 
         if _is_forced(table):
             found.append(commanded_pull(cables, _or_zero(table.pull), _or_zero(table.pull_slope)))
         if table.quadratic is not None or table.cubic is not None:
+            _check_polynomial(table)
             found.append(polynomial_stiffness(cables, _or_zero(table.quadratic), _or_zero(table.cubic)))
     except InputError as error:
         raise InputError(f"cables: {error}") from error
@@ -153,6 +154,15 @@ def force_keys(law: Law) -> dict[str, Any]:
         factors = 1.0 if law.factors is None else law.factors
         return {"pull": one_or_all(factors * law.pull), "pull_slope": one_or_all(factors * law.slope)}
     return {key: one_or_all(getattr(law, name)) for key, name in FIELDS_OF_LAWS.get(type(law), {}).items()}
+
+
+def _check_polynomial(table: CablesTable) -> None:
+    """Refuse a polynomial beside what limits or replaces the linear force to which it adds."""
+    for name in ("force", "largest_force"):
+        if getattr(table, name) is not None:
+            raise InputError(f"{name}: quadratic and cubic add to the force of the stiffness; expected no {name} too")
+    if table.stiffness is None:
+        raise InputError("quadratic, cubic: they multiply the stiffness, of which there is none; expected a stiffness")
 
 
 def _is_forced(table: CablesTable) -> bool:

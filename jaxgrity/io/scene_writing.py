@@ -258,8 +258,9 @@ def _laws(scene: Scene) -> tuple[WindTable | None, list[PushTable], dict[str, An
     wind, pushes = None, []
     forces: dict[str, Any] = {}
     places = [ORDER_OF_TERMS[type(term)] for term in scene.terms if type(term) in ORDER_OF_TERMS]
-    if places != sorted(places) or any(places.count(place) > 1 for place in (0, 1, 3, 4, 5, 6, 7, 8)):
-        told = "slides, a wind, pushes, a table or largest force of cables, dead bands, dampers, pulls, hinges, contact"
+    if places != sorted(places) or any(places.count(place) > 1 for place in (0, 1, 3, 4, 5, 6, 7, 8, 9)):
+        told = "slides, a wind, pushes, a table or largest force of cables, dead bands, dampers, pulls, polynomials"
+        told += ", hinges, contact"
         raise InputError(f"terms are {', '.join(term.name for term in scene.terms)}; expected in this order {told}")
     for number, term in enumerate(scene.terms):
         if type(term) is Wind:

@@ -56,6 +56,8 @@ def polynomial_stiffness(
 ) -> PolynomialStiffness:
     """Cables that grow stiffer with their stretch x = l - L: they pull with K x (1 + a x + b x^2).
 
+    A largest force (`force_limit`) limits K x alone; scene files refuse the two together.
+
     Args:
         cables: the cables, with their stiffness K.
         quadratic: coefficient a, 1/m; one number for all cables, or one per cable (segments of one cable count as one).

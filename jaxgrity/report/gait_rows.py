@@ -236,6 +236,6 @@ def _chosen(fitness: list[float], multipliers: list[float] | None) -> dict[str, 
 def distance_words(summary: dict[str, Any]) -> str:
     """The distance with its error bar; that it is not known if the error bar exceeds it, or that the robot stays."""
     if summary.get("stays", False):
-        return "0: the robot stays where it is"
+        return "less than a hundredth of a body length: the robot stays where it is"
     told = known_words(summary["distance"], summary["error_bar"], " m")
     return told if summary["error_bar"] > summary["distance"] else f"{told} in {summary['duration']:g} s"

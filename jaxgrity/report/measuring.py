@@ -14,7 +14,7 @@ from jaxgrity.populations.population import as_population, simulate_population
 from jaxgrity.populations.uncertainty import Differences
 from jaxgrity.report.steady import steady_facts
 from jaxgrity.search.objectives import ActuatorBounds, SteadyDirection
-from jaxgrity.search.paths import stays
+from jaxgrity.search.paths import stays_within
 from jaxgrity.search.pipeline import UNSEEN, SearchResult
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
@@ -53,19 +53,19 @@ def gait_measured(
 
 
 def verified_stays(scene: Scene, verified: Verified, duration: float) -> bool:
-    """Whether the robot stays where it is (`stays`) in a verified rollout (s), by all that its error bar allows."""
-    return bool(stays(scene, max(float(verified.distance[0]), float(verified.error_bar[0])) / duration))
+    """Whether the robot stays where it is (`stays_within`) in a verified rollout, by all that its error bar allows."""
+    return stays_within(scene, max(float(verified.distance[0]), float(verified.error_bar[0])), duration)
 
 
 def cost_of_way(scene: Scene, work: float, distance: float, duration: float) -> float | None:
-    """`cost_of_transport` from J and m; None for a robot that stays where it is (`stays`) in this time, s."""
-    return None if stays(scene, distance / duration) else float(cost_of_transport(scene, work, distance))
+    """`cost_of_transport` from J and m; None for a robot that stays where it is (`stays_within`) in this time, s."""
+    return None if stays_within(scene, distance, duration) else float(cost_of_transport(scene, work, distance))
 
 
 def directions(best: Scene, options: SolverOptions, duration: float) -> list[dict[str, float | None]]:
     """The directions of the gait's images under the robot's symmetry from the same pose, verified one by one.
 
-    The heading (rad from +x) of a robot that stays where it is (`stays`) is None.
+    The heading (rad from +x) of a robot that stays where it is (`verified_stays`) is None.
     """
     gait = best.gait
     assert gait is not None, "a search finds a gait"

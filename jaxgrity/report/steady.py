@@ -99,8 +99,8 @@ def _standing(scene: Scene, orbit: Orbit, bars: OrbitErrorBars) -> Facts:
     than the error bar, and so far that a point at one body length from its centre would not stay where it is."""
     around = abs(orbit.turning) * orbit.body_length
     turns = not stays(scene, around) and not abs(orbit.turning) <= bars.turning < np.inf
-    fastest = max(orbit.speed, bars.speed if np.isfinite(bars.speed) else 0.0)
-    return {"stays": bool(stays(scene, fastest)), "turns": bool(turns)}
+    fastest = max(orbit.speed, bars.speed)  # an unknown bar is infinite or NaN, and such a robot is not known to stay
+    return {"stays": bool(np.isfinite(fastest) and stays(scene, fastest)), "turns": bool(turns)}
 
 
 def _cycle_facts(scene: Scene, orbit: Orbit, cycle: OrbitCycle, bars: OrbitErrorBars) -> Facts:

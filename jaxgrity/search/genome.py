@@ -160,10 +160,10 @@ class Genome(eqx.Module):
         if self.active is not None:
             raise InputError(f"active = {self.active}: a gait has no ranks; expected None to begin with a gait")
         if self.overtones and len(gait.overtones) > self.overtones:
-            raise InputError(
-                f"overtones = {self.overtones}: the gait has {len(gait.overtones)}; expected as many or more, or 0: "
-                "then it keeps its own"
-            )
+            kept = f"the gait has {len(gait.overtones)}; expected as many or more, or 0: it keeps its own"
+            raise InputError(f"overtones = {self.overtones}: {kept}")
+        shape = np.zeros(self.actuators)
+        gait = dataclasses.replace(gait, amplitude=gait.amplitude + shape, frequency=gait.frequency + shape)
         wave, firsts = self._wave_of(gait)
         turns, found = np.asarray(gait.phase, float)[firsts] / (2 * np.pi), {}
         found["phase"] = turns % 1
@@ -179,13 +179,15 @@ class Genome(eqx.Module):
                 size, phase = (np.asarray(x, float)[firsts] for x in jax.tree.leaves(gait.overtones[h - 2]))
             ahead = phase - 2 * np.pi * h * turns
             found[f"sine {h}"], found[f"cosine {h}"] = (0.5 + h / 2 * size * f(ahead) for f in (np.cos, np.sin))
-        return np.concatenate([found[name] for name in self.blocks])
+        genes = np.concatenate([found[name] for name in self.blocks]).clip(0, 1)
+        again = dataclasses.replace(self, quickest=(), ramp=None).gaits(gait, genes[None])
+        if not np.allclose(_waveform(again)[:, 0], _waveform(gait), atol=ALIKE):
+            expected = "one frequency, and overtones of at most 1/h of the first sine, in a wave the same for all"
+            raise InputError(f"the gait to begin with: no genes encode it; expected {expected}")
+        return genes
 
     def _wave_of(self, gait: Gait) -> tuple[int, list[int]]:
-        """The number of the wave that a gait is, and the first actuator of each group; without waves, every actuator.
-
-        Raises `InputError` for none of the waves.
-        """
+        """The number of a gait's wave, and the first actuator of each group; without waves, every actuator."""
         if not self.waves:
             return 0, list(range(self.actuators))
         groups = np.array(self.waves[0].groups)
@@ -273,6 +275,13 @@ def check_bounds(name: str, bounds: tuple[float, float] | None, top: float = mat
 def _overtone(h: int, phase: AnyArray, sine: AnyArray, cosine: AnyArray) -> Overtone:
     xp = namespace_of(phase)
     return Overtone(xp.hypot(sine, cosine), h * phase + xp.arctan2(cosine, sine))
+
+
+def _waveform(gait: Gait) -> np.ndarray:
+    """Amplitude, frequency, and the complex Fourier coefficients of each actuator; those of 0 are left out."""
+    sines = [np.exp(1j * np.asarray(gait.phase)), *(o.size * np.exp(1j * np.asarray(o.phase)) for o in gait.overtones)]
+    kept = [sine for sine in sines if np.any(np.abs(sine) > ALIKE)]
+    return np.stack([np.asarray(gait.amplitude, complex), np.asarray(gait.frequency, complex), *kept])
 
 
 def _gene(name: str, values: AnyArray, bounds: tuple[float, float]) -> np.ndarray:

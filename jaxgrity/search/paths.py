@@ -26,6 +26,8 @@ depends on the moment, as the robot sways towards the centre of its circle. A pr
 swaying that is not as quick as they are."""
 STILL = 1e-3
 """A robot that is slower stays where it is, m/s for a body of one metre: the directions of its path are rounding."""
+NEARBY = 0.01
+"""Body lengths within which a robot is where it was: so far it may move as it settles on its feet."""
 QUARTERS = 4
 """Factor of the number of parts, so that one part ends where `SETTLING_SHARE` does."""
 
@@ -33,6 +35,11 @@ QUARTERS = 4
 def stays(scene: Scene, speed: Float[AnyArray, "..."] | float) -> np.ndarray:
     """Whether a robot with this speed, m/s, of any shape, stays where it is (`STILL`); NaN does not."""
     return np.asarray(np.asarray(speed, float) < STILL * float(speed_scale(scene)))
+
+
+def stays_within(scene: Scene, distance: float, duration: float) -> bool:
+    """Whether a robot that gets so far (m) in a time (s) stays where it is: `stays`, and less than `NEARBY`."""
+    return bool(stays(scene, distance / duration)) and distance < NEARBY * float(body_length(scene))
 
 
 def parts_of_path(scene: Scene, duration: float) -> int:

@@ -37,7 +37,7 @@ from jaxgrity import simulate as roll_out
 from jaxgrity.cli import command_line, progress, script, search_settings, simulate
 from jaxgrity.cli import main as command
 from jaxgrity.cli import settings as all_settings
-from jaxgrity.cli.search import faster_words, make_quick, replaced_words, standstill_words, weaker_words
+from jaxgrity.cli.search import changed_words, faster_words, make_quick, replaced_words, standstill_words
 from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.formats import load_trajectory
@@ -390,14 +390,15 @@ def test_a_search_says_before_it_begins_that_its_gaits_are_late():
         assert standstill_words(load_scene(name), SearchConfig(duration=8.0)) == "", name
 
 
-def test_a_search_says_that_its_ramp_weakens_the_gait_to_begin_with():
-    """The quicker ramp of searches leaves fewer strokes within the bound on the rate; the gait's own leaves all."""
+def test_a_search_says_how_it_changes_the_gait_to_begin_with():
+    """Its ramp, and the strokes that the bound on the rate leaves; nothing if both stay."""
     scene = with_gait(load_scene("exact"), load_gait("straight"))
-    said = weaker_words(scene, SearchConfig(from_gait=True))
-    assert said.startswith("The gait begins with 84% of its strokes")
-    assert "--ramp None keeps the gait's own ramp of 1 s." in said
-    assert weaker_words(scene, SearchConfig(from_gait=True, space=SearchSpace(ramp=None))) == ""
-    assert weaker_words(scene, SearchConfig()) == ""
+    assert changed_words(scene, SearchConfig(from_gait=True)) == (
+        "The gait to begin with gets the ramp of the search, 0.75 s (--ramp None: its own, 1 s), and keeps 84% of its "
+        "strokes, by the bound on the rate (--objective.largest-rate).\n\n"
+    )
+    assert changed_words(scene, SearchConfig(from_gait=True, space=SearchSpace(ramp=None))) == ""
+    assert changed_words(scene, SearchConfig()) == ""
 
 
 def test_a_search_says_how_it_would_be_faster():

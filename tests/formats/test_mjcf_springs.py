@@ -1,11 +1,23 @@
 """MuJoCo models with springs that push and pull, dead bands and dampers: free flight as there; written as they were."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
-from jaxgrity import Gait, InputError, SolverOptions, load_scene, save_scene, simulate, with_gait, with_terms
+from jaxgrity import (
+    Gait,
+    InputError,
+    SolverOptions,
+    load_scene,
+    parse_scene,
+    save_scene,
+    scene_text,
+    simulate,
+    with_gait,
+    with_terms,
+)
 from jaxgrity.formats import read_mjcf, save_mjcf
 from jaxgrity.model import cable_dampers, dead_band, polynomial_stiffness
 from jaxgrity.model.force_laws import CableDampers, DeadBand
@@ -325,3 +337,19 @@ def test_other_polynomial_springs_are_refused(tmp_path, law):
     scene, notes = found(tmp_path, text, drop=["forces"])
     assert scene.terms == ()
     assert any(note.startswith("dropped: tendon t1: a spring that is not linear") for note in notes)
+
+
+def test_polynomials_beside_other_forces_are_refused(tmp_path):
+    """A largest force, a table and a pull without a stiffness in scene files; a pull in files of MuJoCo."""
+    plain = scene_text("reference")
+    for extra, stiff, message in (
+        ("largest_force = 1.0", True, "largest_force: quadratic and cubic add to the force"),
+        ("pull = 5.0", False, "quadratic, cubic: they multiply the stiffness"),
+    ):
+        text = plain.replace("[cables]\n", f"[cables]\n{extra}\nquadratic = 2.0\n")
+        text = text if stiff else re.sub(r"(?ms)(\[cables\].*?)^stiffness[^\n]*\n", r"\1", text)
+        with pytest.raises(InputError, match=message):
+            parse_scene(text)
+    scene = parse_scene(plain.replace("[cables]\n", "[cables]\npull = 5.0\nquadratic = 2.0\n"))
+    with pytest.raises(InputError, match="quadratic or cubic beside pull"):
+        save_mjcf(scene, tmp_path / "both.xml")

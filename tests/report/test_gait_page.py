@@ -400,7 +400,8 @@ def test_a_robot_that_stays_where_it_is_is_said_to():
     assert steady_rows(on_the_spot)["turning"] == "28.6 ± 0.2 °/s, on the spot"
     short = {**known, "steady": None, "stays": True, "distance": 3e-16, "error_bar": 1e-15}
     assert leading_sentences(short)[0] == "The robot stays where it is."
-    assert outcome_rows(short)["verified distance"] == "0: the robot stays where it is"
+    said = "less than a hundredth of a body length: the robot stays where it is"
+    assert outcome_rows(short)["verified distance"] == said
     assert "transport" not in outcome_rows(short)["actuators need"]
     assert _directions([{"distance": 3e-16, "error_bar": 1e-17, "heading": None}]) == {}
     lost = {**short, "stays": False, "distance": 11.0, "error_bar": 88.0}
@@ -426,7 +427,7 @@ def test_bends_are_those_of_robots_that_move():
         (9e-4, 1e-6, 0.5, 0.1, (True, True)),
         (9e-4, 1e-6, 0.5, 0.6, (True, False)),
         (9e-4, 0.5, 0.0, 0.0, (False, False)),
-        (9e-4, np.inf, 0.5, np.inf, (True, True)),
+        (9e-4, np.inf, 0.5, np.inf, (False, True)),
         (0.1, 1e-3, 1e-4, 1e-9, (False, False)),
     ],
 )

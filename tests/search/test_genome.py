@@ -390,3 +390,19 @@ def test_gaits_that_no_genes_encode_are_refused():
         ENCODED["waves"].genes_of(dataclasses.replace(FOUR, phase=shifted, amplitude=uneven))
     with pytest.raises(InputError, match="active = 2"):
         FULL.genes_of(GAIT)
+
+
+def test_gaits_that_would_change_are_refused():
+    """Overtones beyond 1/h, frequencies that differ, overtones that differ in a group; one number for all is fine."""
+    big = (Overtone(np.full(4, 0.9), np.zeros(4)),)
+    uneven = (Overtone(np.array([0.1, 0.1, 0.3, 0.1]), np.zeros(4)),)
+    for which, parts in (
+        ("waves", {"overtones": big, "phase": 2 * np.pi * np.array(TWO_WAVES[0].shifts)}),
+        ("free", {"overtones": big}),
+        ("free", {"frequency": np.array([0.5, 0.25, 1.0, 0.5])}),
+        ("waves", {"overtones": uneven, "phase": 2 * np.pi * np.array(TWO_WAVES[0].shifts)}),
+    ):
+        with pytest.raises(InputError, match="no genes encode it"):
+            ENCODED[which].genes_of(dataclasses.replace(FOUR, **parts))
+    one = Gait((0, 1, 2, 3), np.zeros(4), 0.2, 0.5)
+    np.testing.assert_array_equal(ENCODED["free"].genes_of(one), ENCODED["free"].genes_of(FOUR))
