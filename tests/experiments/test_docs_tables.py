@@ -24,7 +24,7 @@ BLOCKS = {
     "docs/environments.md": 6,
     "docs/files.md": 1,
     "docs/gaits.md": 1,
-    "docs/gait_records.md": 19,
+    "docs/gait_records.md": 20,
     "docs/accuracy.md": 14,
     "docs/terrain.md": 2,
     "docs/performance.md": 6,
