@@ -168,7 +168,7 @@ def conclusion(distance: float, error_bar: float | None, motion: MotionReport | 
     if error_bar is not None and not np.isfinite(error_bar):
         moved = f"do not trust the distance, since its error bar is unknown: {moved}"
     elif still:
-        moved = "moved less than a hundredth of a body length horizontally: the robot stays where it is"
+        moved = "moved less than a hundredth of a body length horizontally"
     elif error_bar is not None:
         told = known_words(distance, error_bar, " m", ".2g")
         moved = f"how far the robot moved is {told}" if error_bar > distance else f"moved {told}"

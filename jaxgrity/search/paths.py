@@ -9,7 +9,7 @@ from jaxtyping import Float
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.actuation import Gait
-from jaxgrity.model.scales import speed_scale, time_scale
+from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene, body_length
 from jaxgrity.populations.population import Outcomes
 
@@ -27,7 +27,7 @@ swaying that is not as quick as they are."""
 STILL = 1e-3
 """A robot that is slower stays where it is, m/s for a body of one metre: the directions of its path are rounding."""
 NEARBY = 0.01
-"""Body lengths within which a robot is where it was: so far it may move as it settles on its feet."""
+"""A robot is where it was if it got less far, m for a body of one metre: so far it may move as it settles."""
 QUARTERS = 4
 """Factor of the number of parts, so that one part ends where `SETTLING_SHARE` does."""
 
@@ -39,7 +39,7 @@ def stays(scene: Scene, speed: Float[AnyArray, "..."] | float) -> np.ndarray:
 
 def stays_within(scene: Scene, distance: float, duration: float) -> bool:
     """Whether a robot that gets so far (m) in a time (s) stays where it is: `stays`, and less than `NEARBY`."""
-    return bool(stays(scene, distance / duration)) and distance < NEARBY * float(body_length(scene))
+    return bool(stays(scene, distance / duration)) and distance < NEARBY * float(length_scale(scene))
 
 
 def parts_of_path(scene: Scene, duration: float) -> int:
