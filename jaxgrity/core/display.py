@@ -57,7 +57,7 @@ def with_error(
 
 
 def known_words(value: float, error: float | None, unit: str = "", digits: str = ".1g") -> str:
-    """A number with its error (`with_error`), or, where that is larger, that it is not known, and what to do."""
+    """A number with its error (`with_error`). If the error is larger, the number is not known, and what helps."""
     if not math.isfinite(value):
         return "not known"
     if error is None or not math.isfinite(error) or error <= abs(value):
@@ -92,9 +92,8 @@ def _rounded(value: float, decimals: int) -> str:
 def mean_of_robots(robots: dict[str, Any], unit: str, mean: str = "mean") -> str:
     """A mean over perturbed robots, with `COVERING` standard errors, and their standard deviation, in words.
 
-    From a record with "standard_error" (None of one robot), "standard_deviation", and the mean by its name; perhaps
-    with the number of "robots", of those that "failed", and of those that "stay" where they are. Where robots do not
-    differ, the mean is all.
+    The record has "standard_error" (None of one robot), "standard_deviation", and the mean by its name. It may also
+    count "robots", those that "failed", and those that "stay" where they are. If robots do not differ, the mean is all.
     """
     deviation, error, failed = robots["standard_deviation"], robots["standard_error"], robots.get("failed", 0)
     still = robots.get("stay", 0)

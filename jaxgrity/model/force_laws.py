@@ -237,7 +237,7 @@ def force_limit(cables: Members, largest: float | Sequence[float]) -> ForceLimit
         >>> scene = jaxgrity.load_scene("reference")
         >>> yielding = jaxgrity.with_terms(scene, jaxgrity.force_limit(scene.structure.cables, 150.0))
     """
-    return ForceLimit(_each_cable(cables, largest, "largest_force"))
+    return ForceLimit(per_cable(cables, largest, "largest_force"))
 
 
 @typed
@@ -259,7 +259,7 @@ def dead_band(cables: Members, width: float | Sequence[float]) -> DeadBand:
         >>> scene = jaxgrity.load_scene("reference")
         >>> pushing = jaxgrity.with_terms(scene, jaxgrity.model.dead_band(scene.structure.cables, 0.05))
     """
-    return DeadBand(_each_cable(cables, width, "dead_band"))
+    return DeadBand(per_cable(cables, width, "dead_band"))
 
 
 @typed
@@ -280,8 +280,9 @@ def cable_dampers(cables: Members, damping: float | Sequence[float]) -> CableDam
         >>> scene = jaxgrity.load_scene("reference")
         >>> damped = jaxgrity.with_terms(scene, jaxgrity.model.cable_dampers(scene.structure.cables, 2.0))
     """
-    return CableDampers(_each_cable(cables, damping, "damper"))
+    return CableDampers(per_cable(cables, damping, "damper"))
 
 
-def _each_cable(cables: Members, values: float | Sequence[float], where: str) -> np.ndarray:
+def per_cable(cables: Members, values: float | Sequence[float], where: str) -> np.ndarray:
+    """`per_member` for cables, of which those that run through several segments count once."""
     return per_member(values, len(cables_of(cables.clusters, len(cables.edges))), where)

@@ -11,9 +11,10 @@ from jaxgrity.core.arguments import check_each
 from jaxgrity.core.primitives import inner, positive_part
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyRows, Scalar, as_float, as_float_or_none
-from jaxgrity.model.clusters import cables_of, in_series
+from jaxgrity.model.clusters import in_series
+from jaxgrity.model.force_laws import per_cable
 from jaxgrity.model.laws import Configuration, EnergyTerm, member_names
-from jaxgrity.model.structure import Members, per_member
+from jaxgrity.model.structure import Members
 
 
 class PolynomialStiffness(EnergyTerm):
@@ -74,8 +75,7 @@ def polynomial_stiffness(
         >>> law = jaxgrity.model.polynomial_stiffness(scene.structure.cables, 2.0, 5.0)
         >>> stiffer = jaxgrity.with_terms(scene, law)
     """
-    count = len(cables_of(cables.clusters, len(cables.edges)))
-    return PolynomialStiffness(per_member(quadratic, count, "quadratic"), per_member(cubic, count, "cubic"))
+    return PolynomialStiffness(per_cable(cables, quadratic, "quadratic"), per_cable(cables, cubic, "cubic"))
 
 
 def polynomial_terms(terms: Sequence[object], count: int) -> np.ndarray:
