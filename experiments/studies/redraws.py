@@ -175,7 +175,7 @@ def figure(record: Record, chart: Figure) -> None:
     axes.set(
         yticks=range(len(names)),
         yticklabels=[written[name] for name in names],
-        xlabel="error of each draw, in multiples of its ±",
+        xlabel="error of each ensemble, in multiples of its ±",
     )
     axes.invert_yaxis()
     chart.legend(loc="outside upper center", ncols=3)
