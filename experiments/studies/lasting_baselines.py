@@ -123,7 +123,9 @@ def words(record: Record) -> str:
     }
     stood, seeds = (sum(row[name] for row in record["rows"]) for name in ("stood", "seeds"))
     about = [str(record["gaits"]), f"{record['duration']:g} s", f"{stood} of {seeds}"]
-    settings = table(["gaits that each search tries", "duration", "gaits found with which no simulation failed"], [about])
+    settings = table(
+        ["gaits that each search tries", "duration", "gaits found with which no simulation failed"], [about]
+    )
     return f"{columns(record['rows'], cells)}\n\n{settings}"
 
 
