@@ -241,7 +241,7 @@ def test_a_gait_of_the_library_takes_the_place_of_the_scenes_own(tmp_path, capsy
         assert capsys.readouterr().out == said
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_former_name_of_verlet_warns_once_and_works(jaxgrity, tmp_path):
     """However many rollouts the command makes."""
     (tmp_path / "free.toml").write_text(FREE)
@@ -449,7 +449,7 @@ def test_a_refusal_ends_with_exit_code_2():
     assert done.errors.strip() == "error: duration = 0 s: expected a positive number"
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_picture_that_fails_costs_this_picture(monkeypatch, tmp_path, capsys):
     """With a line; the others are there, and the summary follows."""
 

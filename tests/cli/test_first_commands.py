@@ -207,7 +207,7 @@ def test_describing_again_compiles_nothing(compiled, exact):
     assert compiled(lambda: describe(softer)) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_other_numbers_compile_nothing(compiled):
     """Of sweeps, tolerances, the precision of starts, and frames."""
     scene = swept()
@@ -226,7 +226,7 @@ def test_other_numbers_compile_nothing(compiled):
     assert compiled(lambda: adaptive(1e-5)) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_diagnoses_of_other_durations_compile_nothing(compiled):
     """Nor at other steps, nor with other numbers of frames."""
     free = replace(swept(stiff=False, ground=False), gait=None)
@@ -234,7 +234,7 @@ def test_diagnoses_of_other_durations_compile_nothing(compiled):
     assert compiled(lambda: diagnose(free, 0.07, frame_rate=50.0, options=SolverOptions(dt=1e-4))) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_simulate_makes_few_programs(tmp_path):
     """In a process of its own, with its diagnosis, its figures and its replay; some more than there are, for other
     versions of JAX."""

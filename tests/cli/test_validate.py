@@ -60,7 +60,7 @@ def settings(folder: Path, out: Path, **how) -> ValidateSettings:
     return replace(chosen, **how)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_parameters_are_fitted_to_one_half_and_tested_on_the_other(recorded, tmp_path, capsys):
     """The fitted robot is closer to the half held out, and its intervals contain the truth."""
     words = ("structure.cables.stiffness", "structure.cables.damping=0.5")

@@ -89,7 +89,7 @@ def driver(scene):
     return Steered(inner, np.array(0.3), centre_offsets(scene.structure, scene.gait.members), goal=np.array([3.0, 4.0]))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_robots_side_by_side_move_as_each_alone(scene, plant, driver):
     """To rounding; they start apart, and one is pushed."""
     q, v = (np.repeat(np.asarray(x)[..., None], 2, axis=-1) for x in (scene.structure.nodes, np.zeros((12, 3))))
@@ -409,7 +409,7 @@ def test_motors_lag_and_are_bounded():
     assert control.contraction_reached(both, *single, 0.01, np.asarray(lengths, np.float32), None).dtype == np.float32
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_motor_that_is_too_weak_does_not_shorten_its_strut(scene):
     """Struts of this robot are pressed together by more than 1 N: they can shorten, and not lengthen again."""
     weak = control.plant_of(scene, scene.gait.members, motors=MotorLimits(force=1.0), options=TEN_MS)

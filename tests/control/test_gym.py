@@ -32,7 +32,7 @@ def test_an_environment_is_made_by_its_name_and_drawn():
         control.GymnasiumEnvironment(env.unwrapped.environment, "human")
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_many_robots_are_one_call_and_begin_anew():
     """After failures and in time, each by itself; the robot that goes on moves as one alone does."""
     envs = gymnasium.make_vec("jaxgrity.control.gym:jaxgrity/Heading-v0", num_envs=3, **SETTINGS)

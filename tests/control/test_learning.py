@@ -109,9 +109,8 @@ def test_an_episode_says_how_its_rollout_failed(monkeypatch):
     assert FAILURES[motion.failure] == "the structure was torn apart"
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param("heading", marks=pytest.mark.slow), pytest.param("speed", marks=pytest.mark.campaign)]
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("name", ["heading", "speed"])
 def test_policies_of_the_library_roll(name):
     """By steps that they were not trained on, from new starts; the start included, and along the way asked for."""
     env = environment(name, load_scene("exact"), options=SolverOptions(dt=0.005, dtype="float32"), seconds=5.0)
@@ -267,7 +266,7 @@ def start_of(motion):
     return motion.positions[0], motion.velocities[0]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_deployed_policy_moves_as_in_its_episode(travelling, expected):
     """From the same start, for the heading that was drawn, of whatever length, and for a goal far along it.
 
@@ -294,7 +293,7 @@ def test_a_deployed_policy_for_any_direction_moves_as_in_its_episode():
     assert np.abs(expected.commands.contraction).max() > 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_deployed_policy_drives_many_robots_as_one(travelling, expected):
     """In single precision, in which each of them moves as all others, and near the one of double precision."""
     (_, policy), (expected, aim) = travelling, expected

@@ -363,7 +363,7 @@ def test_one_sample_is_no_choice_of_gaits(scene):
         led(scene, [NOTHING], CAUTIOUS._replace(samples=4, rounds=4))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_robots_are_led_to_goals_and_never_touch_without_being_told(scene):
     """One in the open arrives; one whose goal is walled in does not, and keeps clear of the wall or is told not to."""
     angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)

@@ -204,7 +204,7 @@ def test_one_robot_is_led_as_many_of_one(walker):
     assert np.ptp(alone.path[:, :2], axis=0).max() > 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_all_settings_go_together(walker):
     """Two robots, one in the open and one beside a post; several gaits, frictions, knots and rounds."""
     plant, policy = walker

@@ -105,7 +105,7 @@ def test_struts_that_touch_between_their_ends_start_above_a_post(name):
     assert np.mean(nodes.min(1) > WANTED + 0.01) > 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_robots_start_as_far_above_bumps_as_the_task_says(scene):
     """By the nearest of many points of the ground."""
     env = control.environment("bumps", scene)

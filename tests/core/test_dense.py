@@ -90,7 +90,7 @@ def test_derivatives_of_many_solutions_are_those_of_differences():
         np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_derivatives_solve_no_system_by_threads():
     """Of 48 nodes and 72 struts: each matrix that LAPACK gets, in either mode, is one it works on in one thread."""
     nodes, struts, _ = tetrahedral_spine(12)

@@ -7,7 +7,7 @@ import pytest
 from jaxgrity import Scene, SolverOptions, gaits_of, random_phases, simulate_population
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_free_flight_agrees_with_mujoco(reference):
     """Two engines, one set of springs: every node within 2e-5 m after 1 s, with the gait in full swing."""
     pytest.importorskip("mujoco")

@@ -154,7 +154,7 @@ def test_what_a_scene_lacks_has_no_knob(exact):
         knobs(jaxgrity.with_gait(exact, None))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_slider_compiles_nothing(page, compiled):
     """Not even the first move of each, nor its error bar."""
     for name, value in [("friction", 0.3), ("incline (degrees)", 2.0), ("prestress", 0.25), ("cable stiffness", 1.5)]:

@@ -108,7 +108,7 @@ def test_tendons_over_several_sites_are_clusters(name, seed, tmp_path):
         first += many
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.campaign] * (n != "boxes")) for n in ROBOTS])
 def test_they_move_as_in_mujoco(name, tmp_path):
     """Half a second in which no cable goes slack: within 1e-6 m, extrapolated from steps of 0.1 and 0.2 ms."""

@@ -141,7 +141,7 @@ def test_points_fly_as_in_mujoco(tmp_path):
     same(load_scene(tmp_path / "robot.toml"), scene)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_bodies_fly_as_in_mujoco(tmp_path):
     """Of free bodies, too: within 1e-6 m, extrapolated from steps of 0.05 and 0.1 ms."""
     tendons = [

@@ -230,7 +230,7 @@ def test_another_pose_is_refused(case, tmp_path):
     assert str(caught.value).isprintable()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.campaign)])
 def test_welded_bodies_fly_as_in_mujoco(seed, tmp_path):
     """Half a second with stiff welds: within 1e-6 m, and without the weld they would be elsewhere."""

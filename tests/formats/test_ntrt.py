@@ -142,13 +142,8 @@ def test_it_settles(found):
     assert structure.nodes[:, 2].min() == pytest.approx(0, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    "model",
-    [
-        pytest.param(lambda scene: scene, marks=pytest.mark.slow, id="exact"),
-        pytest.param(contact_twin, marks=pytest.mark.campaign, id="penalty"),
-    ],
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("model", [lambda scene: scene, contact_twin], ids=["exact", "penalty"])
 def test_settled_it_stands(found, model):
     """On both models of contact."""
     motion = simulate(model(found.scene), 0.3)

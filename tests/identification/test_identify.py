@@ -164,7 +164,7 @@ def test_what_data_cannot_tell_gets_no_number():
     assert "cannot tell" in found.summary()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_profile_is_that_of_the_posterior():
     """In a nearly linear problem it rises by 1 at one standard deviation."""
     seen = poses(heights(120.0))
@@ -295,7 +295,7 @@ def test_parameters_are_those_of_single_bodies():
             check_parameters(scene, [Parameter(path, 0.5)])
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_motion_tells_the_inertia_of_a_body():
     """With a known start; a third more than the scene says."""
     scene, options = swinging_body(), SolverOptions(dt=5e-3, dtype="float64")

@@ -226,7 +226,7 @@ def hopper(exact: bool) -> Scene:
                  ConeFriction(0.3) if exact else SmoothFriction(0.3, 0.02), gait)  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_what_both_contact_models_say_is_compared():
     """Data of the other model: residuals say that it is not the noise, both fits disagree, and the interval knows."""
     scene = hopper(False)

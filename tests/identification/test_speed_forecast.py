@@ -51,7 +51,7 @@ def test_slopes_are_those_of_orbits_found_anew(crawler):
         np.testing.assert_allclose((ends[0] - ends[1]) / (2 * h), slopes[k], atol=0.02 * np.abs(slopes).max())
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_gradient_and_the_robots_agree_on_a_small_spread(forecast):
     """On the deviation within what 64 robots tell, and on the shares."""
     s, C = forecast.slopes, CORRELATED

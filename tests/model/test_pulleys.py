@@ -137,7 +137,7 @@ def test_a_pulley_in_a_body_has_no_force_or_moment_from_outside(mu):
     np.testing.assert_allclose(np.cross(scene.structure.nodes, force).sum(0), 0, atol=1e-11)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("mu", [pytest.param(None, marks=pytest.mark.campaign), 0.3])
 def test_powers_of_cables_over_pulleys_are_booked(booked, mu):
     """Of dampers, whose rate is that of the length, and of friction, which never drives."""
@@ -212,7 +212,7 @@ def test_cables_slide_over_a_drum_as_euler_and_eytelwein_say():
         assert found.sum(0)[1] == pytest.approx(moment, rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_friction_on_a_drum_holds_what_is_within_the_bound():
     """But for a creep below the slip speed; what is beyond falls by a = g (M - m e)/(M + m e), e = exp(mu pi)."""
     e, options = math.exp(0.3 * math.pi), SolverOptions("rk4", 2e-4, any_step=True)

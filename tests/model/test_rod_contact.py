@@ -52,11 +52,8 @@ def across(friction=None, damping=None, surface=BALL, gait=None) -> Scene:
     return Scene(Structure(nodes, [MASS, MASS], struts), G, damped, ground, friction, gait)
 
 
-@pytest.mark.parametrize(
-    "surface",
-    [pytest.param(BALL, marks=pytest.mark.slow), pytest.param(POST, marks=pytest.mark.campaign)],
-    ids=["ball", "post"],
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("surface", [BALL, POST], ids=["ball", "post"])
 def test_a_rod_rests_on_what_is_between_its_nodes(surface):
     """As deep in it as its weight presses the point that touches, where contact at nodes lets it fall through."""
     scene = across(damping=20.0, surface=surface)

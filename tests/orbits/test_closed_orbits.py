@@ -154,7 +154,7 @@ class Thrust(ForceLaw):
         return jnp.stack([d + 0.3 * jnp.stack([-d[1], d[0], 0 * d[0]]), 0 * d])
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_where_a_robot_turns_its_speed_depends_on_where_its_mass_is():
     """A strut that swims in a circle, without gravity: derivatives by each mass, by central differences.
 

@@ -334,7 +334,7 @@ def test_a_wave_follows_every_rotation_and_other_gaits_none(exact):
         assert shares(other).count(None) >= 8
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
     """At 5 ms and at 2.5 ms it goes as fast, to a hundredth, and robots that are disturbed come back."""
     scene = with_gait(exact, load_gait("lasting"))
@@ -378,7 +378,7 @@ def test_a_gait_that_lasts_is_on_an_orbit_at_any_step(exact):
     assert held.largest < 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_peaks_of_a_cycle_do_not_depend_on_its_beginning(exact):
     """Moving means of forces begin at zero, and are filled by the first of two cycles. In a first cycle alone, the peak
     of the gait of cables is up to 4 % too low, by the moment at which the cycle begins."""

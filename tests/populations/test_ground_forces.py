@@ -57,7 +57,7 @@ THROWN = np.array([[1.0, 0.3, -1.0], [1.0, -0.4, 0.5]])
 """m/s"""
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_ground_carries_rods_with_mass_at_both_ends():
     """2 kg lie flat: 9.81 N at each end, however the mass is shared between nodes and rod."""
     for node_mass, mass in (([0.0, 0.0], 2.0), ([0.5, 0.5], 1.0), ([1.0, 1.0], 0.0)):
@@ -94,7 +94,7 @@ def test_forces_on_ground_of_any_shape_balance_the_momentum():
     assert (across <= 0.4 * pressed + 1e-9).all()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_springs_and_penalty_contact_carry_a_rod_with_mass():
     """At rest, by a Runge-Kutta method: 9.81 N at each end, and 19.62 N of a support where one end is held."""
     ground, friction = PenaltyGround(1e4, 2.0), SmoothFriction(0.4, 0.01)

@@ -121,7 +121,7 @@ def test_many_robots_of_rigid_bodies_know_their_laws(plates):
     assert answers == [True]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_rigid_bodies_side_by_side_end_where_each_ends_alone(plates):
     """While cables pull the upper plate down, and the lower one against the ground's friction."""
     phases = random_phases(2, 3, seed=1)
@@ -501,7 +501,7 @@ def test_answers_do_not_depend_on_how_kernels_are_made(name, dtype):
     np.testing.assert_allclose(places, others, rtol=0, atol=1e-3 if dtype == "float32" else 1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_sweep_computes_no_length_twice(exact):
     """Of 128 gaits: a root for each of 12 nodes and 6 struts, in both loops over sweeps.
 

@@ -286,7 +286,7 @@ def test_steps_that_are_chosen_follow_the_size():
             assert 0.4 <= resolve(there, 1.0, SolverOptions(method)).dt / size[2] / own <= 2.5
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_solved_together_a_motion_is_the_same_at_every_size():
     """A rod with mass that falls on an end and slides: the general solver, in mass too."""
     rod = Members(((0, 1),), None, [1.0], mass=[0.6])

@@ -49,7 +49,7 @@ def figures(motion):
     }
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_letters_are_readable_where_a_page_shows_them(figures):
     """At least 8 points; figures that are narrower than the page are not enlarged."""
     for name, figure in figures.items():

@@ -261,7 +261,7 @@ def test_robots_are_asked_until_it_is_enough(robots):
     assert_same(scores, scored(scores.each, 0.5))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(("precision", "factor"), [(0.0, 1), (1.0, 2)])
 def test_the_final_verdict_is_made_of_what_it_says(precision, factor, monkeypatch):
     """Its numbers are those of verification, of ensembles at the step or at twice that, as closely as is asked for, and

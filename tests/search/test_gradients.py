@@ -96,7 +96,7 @@ def test_robot_moves_and_every_parameter_matters(displaced):
     assert np.all(np.linalg.norm(displaced.jacobian, axis=1) > 1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("k", range(len(PARAMETERS)), ids=list(PARAMETERS))
 def test_derivative_is_that_of_central_differences(displaced, k):
     """To 1e-6, of the same discrete map: RK4 at a fixed step."""

@@ -139,6 +139,7 @@ class Interruption(Exception):  # noqa: N818 it is no error
     """Raised by a listener, as Ctrl-C would be."""
 
 
+@pytest.mark.campaign
 def test_the_gait_is_there_before_the_report(exact, whole, monkeypatch, tmp_path):
     """Whoever ends a search while its report is made keeps what was found and verified."""
 
@@ -244,6 +245,7 @@ def test_a_gait_whose_orbit_attracts_comes_first(config, whole, monkeypatch):
         assert np.all(np.diff(np.asarray(promoted.finals.fitness)[part]) <= 0)
 
 
+@pytest.mark.campaign
 def test_multipliers_are_those_of_the_gaits_orbits(exact):
     """As from an orbit that is watched for longer, at another step; a gait that never settles has none."""
     known = load_gait("straight")
@@ -322,6 +324,7 @@ def test_the_report_comes_before_the_search_counts_as_done(whole):
 
 
 @pytest.mark.parametrize(("stage", "done"), [("evolving", 1), pytest.param("polishing", 1, marks=pytest.mark.campaign)])
+@pytest.mark.campaign
 def test_an_interrupted_search_is_resumed_to_the_very_same_end(exact, config, whole, interrupted, stage, done):
     """Wherever it was interrupted; generations that were saved are not evolved again."""
     folder, heard = interrupted(stage, done), []

@@ -276,7 +276,7 @@ class Rolling(NamedTuple):
 
 @pytest.fixture(
     scope="module",
-    params=[pytest.param("creeping", marks=pytest.mark.slow), pytest.param("exact", marks=pytest.mark.campaign)],
+    params=[pytest.param(name, marks=pytest.mark.campaign) for name in ("creeping", "exact")],
 )
 def rolling(request):
     """Of a strut that creeps, whose contact is smooth; and of a robot with exact contact."""

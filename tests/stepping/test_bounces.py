@@ -122,7 +122,7 @@ def test_where_nothing_is_gained_the_law_is_that_of_newton():
     np.testing.assert_allclose(v, [[3.0 - 0.2 * 1.5 * 2.0, 0.0, 1.0]], rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("coupled", [False, pytest.param(True, marks=pytest.mark.campaign)])
 def test_populations_bounce_as_each_robot_does(coupled):
     """With restitution and friction, whose law is chosen robot by robot."""
@@ -159,7 +159,7 @@ CURVES = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("curve", ["a bowl", pytest.param("a ball", marks=pytest.mark.campaign), "a log on the plane"])
 def test_what_is_lost_on_a_curve_is_no_impact(curve):
     """A node without friction that slides along keeps its energy: at least as the square of the step."""

@@ -129,7 +129,7 @@ def test_a_rod_tips_over_an_edge_as_its_equations_say(radius):
     assert errors[1].max() < errors[0].max() / 3
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_rod_passes_an_edge_that_it_does_not_touch():
     """1 mm above it, by 1 cm in each step: wherever steps begin, it moves on as if there were no post."""
     free = replace(rod(), gravity=0.0)
@@ -153,9 +153,8 @@ def test_a_rod_rests_on_an_edge_at_its_balance_point():
     np.testing.assert_allclose(force[1:, :, 2], [masses * G] * (len(force) - 1), atol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "count", [pytest.param(10, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.campaign)]
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("count", [10, 200])
 def test_no_thrown_rod_enters_the_post_or_gains_energy(count):
     """But for the depth that a start may have, and a hundredth of its energy. A quarter of them would enter it."""
     scene, plain = rod(friction=0.4), rod(friction=0.4, along=False)
@@ -176,7 +175,7 @@ def test_no_thrown_rod_enters_the_post_or_gains_energy(count):
     assert passed >= count // 4
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_on_a_plane_a_capsule_is_its_two_balls():
     """To the last bit, and it rests a radius above it."""
     scene = rod(radius=0.04, surface=None)

@@ -142,7 +142,7 @@ def few_sweeps(exact):
     return scene, [simulate(scene, 4.0, frame_rate=200.0, options=each) for each in options]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_sweeps_are_newton_steps(few_sweeps):
     """Each sweep about squares the error in strut lengths, since impulses allow for what the ground will answer."""
     scene, motions = few_sweeps
@@ -273,7 +273,7 @@ def test_derivatives_of_sweeps_are_those_of_each_in_turn(exact, ground, friction
     np.testing.assert_allclose(difference(lambda *at: forward(*at)[0], at, along), expected, rtol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_derivatives_of_sweeps_on_a_surface_agree_with_differences(exact):
     """In a bowl, where normals turn with the nodes, and with a tolerance."""
     ground = ExactGround(surface=Sphere(np.array([0.0, 0, 3]), 3.0, hollow=True))
@@ -335,7 +335,7 @@ def test_sweeps_and_tolerances_that_make_no_sense_are_refused(exact, reference):
         simulate(reference, 1.0, options=SolverOptions(strut_tolerance=1e-10))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_robot_rolls_as_far_in_a_population(exact, rolling):
     """The swept loop gives the same answers for one robot and for many."""
     phases = exact.gait.phase + 0.5 * np.arange(8)[:, None]
@@ -394,7 +394,7 @@ def test_slip_depends_on_friction_as_it_should():
     assert float(slope) == pytest.approx(-G * np.cos(angle) / 2, rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_reverse_mode_works_with_a_tolerance_of_struts():
     """Though the number of sweeps depends on the state then: a strut slides on one end, and falls over."""
     nodes = np.array([[0.0, 0, 0], [0.5, 0.2, np.sqrt(1 - 0.5**2 - 0.2**2)]])

@@ -327,7 +327,7 @@ def test_derivatives_are_those_of_the_motion(central_difference, shape, mass):
         assert float(found) == pytest.approx(float(difference), rel=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_populations_have_rods_and_supports_of_their_own_masses():
     """Two robots that differ in node masses move as each alone."""
     structure = rods(hanging(0.8), [(0, 1)], [1.0], [0.1, 0.2], fixed=((0, "xyz"),))

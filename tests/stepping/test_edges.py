@@ -215,7 +215,7 @@ def test_the_normal_on_a_curve_is_where_a_node_touches_it_first(name):
     np.testing.assert_allclose(met.distance[0], ground.signed_distance((q[0] + DT * follows)[None])[0], atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_in_a_union_nodes_follow_curves_too():
     """Bumps beside a box that is far away are as bumps alone, for nodes in contact and for one that lands."""
     hills, far = CURVES["bumps"], Box([50.0, 0.0, 0.0], [1.0, 1.0, 1.0])
@@ -244,7 +244,7 @@ def test_a_plane_is_met_at_the_nodes():
     np.testing.assert_array_equal(where_met(plane, 1.0, DT, q, v).distance, plane.signed_distance(q))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_place_of_entry_has_the_derivative_of_the_root():
     """In start, way and the ground's own numbers, against differences; in float32 it is found too."""
     q, v = jnp.array([[0.4, 0.1, 0.33], [-0.3, 0.0, 0.42]]), jnp.array([[1.0, 0.2, -6.0], [-0.5, 0.3, -9.0]])

@@ -220,7 +220,7 @@ def test_through_a_bounce_of_a_spinning_rod_the_derivative_is_that_of_the_closed
     assert 0.8 < order(STEPS, found) < 1.3
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_actuated_rods_have_their_lengths_whenever_the_impact_is():
     """A rod that lengthens fast as it bounces: gradients agree with differences over many steps in the mean."""
     gait = Gait((0,), [0.0], [0.3], [2.0], start=0.0, ramp=0.01)

@@ -79,7 +79,7 @@ SHOWN = ("exact", "held, with mass in cables", "bodies with balls")
 """Those of `make test`: rigid struts with dampers, springs with supports, and rigid bodies."""
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=() if name in SHOWN else pytest.mark.campaign) for name in SCENES]
 )

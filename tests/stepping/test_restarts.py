@@ -58,7 +58,7 @@ undamped = eqx.tree_at(
 ALL["verlet"] = undamped, "verlet"
 
 
-MARKS = {"swept": (), **dict.fromkeys(("with restitution", "rk4", "in a bowl", "shaken"), pytest.mark.slow)}
+MARKS = {"swept": (), **dict.fromkeys(("rk4", "in a bowl"), pytest.mark.slow)}
 """of those cut into single steps"""
 
 
@@ -170,9 +170,8 @@ def test_the_velocity_at_the_end_solves_its_equation(damping):
     assert missed < 1e-14 * (1 + damping)  # rounding of the dampers' force
 
 
-@pytest.mark.parametrize(
-    "mode", [pytest.param(jax.jacfwd, marks=pytest.mark.slow), pytest.param(jax.grad, marks=pytest.mark.campaign)]
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("mode", [jax.jacfwd, jax.grad])
 def test_derivatives_through_pieces_agree_with_differences(mode):
     """Of the velocity after three calls."""
     scene = swept()

@@ -124,7 +124,7 @@ def test_a_top_on_its_tip_precesses_as_lagrange_says():
     np.testing.assert_allclose(end[0], 0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_bodies_move_in_single_precision_and_within_compiled_functions():
     """Their numbers have the precision of the options, and are known while a function around them is traced."""
     scene = box(Rotation.identity(), 0.1, 9.81)

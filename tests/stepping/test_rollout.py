@@ -95,7 +95,7 @@ class Field(EnergyTerm):
         return False
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_laws_may_have_functions_among_their_numbers():
     """Of nodes with U = k z^2/2, z(t) = z(0) cos(sqrt(k/m) t): one robot, many, and the derivative by k."""
     structure = Structure(np.array([[0.0, 0, 1.0], [0.0, 0, 2.0]]), [1.0, 1.0], Members(((0, 1),), [1e-9], [1.0]))
@@ -158,7 +158,7 @@ def test_steps_are_as_fine_as_the_options_say():
     assert ok(jnp.array([[0.0, 0.15], [0.0, 0.2], [0.1, 0.1], [0.1, 0.0]])).tolist() == [True, False, False, False]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("message", "call"),
     [

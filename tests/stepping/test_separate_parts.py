@@ -103,7 +103,7 @@ def test_parts_apart_move_as_all_together(third, balls, fixed):
     np.testing.assert_allclose(apart.velocities, together.velocities, rtol=0, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_parts_without_a_ball_move_as_all_together():
     """Balls are on one of two rods alone; the other one, and a node of the net, touch nothing."""
     scene = crossed()
@@ -123,7 +123,7 @@ def test_parts_without_a_ball_move_as_all_together():
     np.testing.assert_allclose(apart.positions, together.positions, rtol=0, atol=1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("third", [False, pytest.param(True, marks=pytest.mark.campaign)])
 def test_derivatives_through_parts_are_those_of_differences(third):
     """In reverse mode, of a place on the ground, in friction and in a cable's rest length."""
@@ -155,7 +155,7 @@ def test_parts_stay_in_single_precision():
     np.testing.assert_allclose(single.positions, double.positions, rtol=0, atol=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_robots_whose_parts_have_no_rigid_struts():
     """Side by side they move as one alone: rods with mass are springs here."""
     scene = crossed()

@@ -116,7 +116,7 @@ def test_exact_stepping_takes_supports_to_where_they_are(dtype):
     np.testing.assert_allclose(moved.velocities[:, 0], velocity, rtol=0, atol=20 * rounding * 2 * np.pi * 20)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_runge_kutta_methods_know_where_supports_are():
     """Though their steps do not end where the motion bends, and dampers act: what they return is a start, later too."""
     abrupt = Shaking([0.2, 0.0, 0.0], 2.0, ramp=0.2)
@@ -132,7 +132,7 @@ def test_runge_kutta_methods_know_where_supports_are():
     np.testing.assert_allclose(later.positions[-1], whole.positions[-1], rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_start_in_the_middle_of_a_motion_moves_with_its_supports():
     """What a rollout returns goes on as if nothing had been; supports at rest are refused there, or not ok."""
     scene = pendulum()

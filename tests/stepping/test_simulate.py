@@ -73,7 +73,7 @@ def test_frames_go_from_the_start_to_the_end(duration, rate, frames):
     np.testing.assert_allclose(np.diff(times), duration / (frames - 1), rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_without_float64_rollouts_are_in_float32(tmp_path):
     """After a description too, which takes float64 for a while; nothing warns. Bare phases are refused as gaits."""
     code = (

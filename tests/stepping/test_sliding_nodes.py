@@ -130,7 +130,7 @@ def swinging() -> tuple[Scene, np.ndarray]:
     return rod_with_bead(nodes, gravity=G, fixed=((0, "xyz"),)), end
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_slide_does_no_work():
     """The audit books what a step errs by as such, of second order, and nothing else; forces agree."""
     scene, expected = swinging()
@@ -194,7 +194,7 @@ def joined() -> Scene:
     return Scene(structure, gravity=G, terms=(Slides((7, 10), ((8, 9), (3, 7))),))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_points_of_bodies_slide_and_have_lines():
     """Both ways to keep them agree to second order, also where the line is a spring that gets longer."""
     scene = joined()

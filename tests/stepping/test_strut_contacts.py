@@ -48,7 +48,7 @@ def crossing(gap: float = 0.05, touch: bool = True) -> Scene:
     return with_contact_between_struts(scene, R) if touch else scene
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_rods_that_meet_head_on_lose_what_a_plastic_impact_loses():
     """One impulse P at the point of contact changes each end's velocity by its share of P over its mass."""
     scene = crossing()
@@ -193,7 +193,7 @@ def test_struts_of_a_robot_that_is_squeezed_do_not_cross():
     assert gaps(scene, motion.positions).min() > -5e-4
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_what_a_step_might_miss_fails():
     """With both supports in contact, and one pair at once."""
     scene, v = pile()

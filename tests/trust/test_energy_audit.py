@@ -49,13 +49,8 @@ def test_the_residual_is_an_error_of_the_steps(reference):
     assert np.all(fine.actuation == 0)
 
 
-@pytest.mark.parametrize(
-    "method",
-    [
-        pytest.param("rk4", marks=pytest.mark.slow),
-        *(pytest.param(name, marks=pytest.mark.campaign) for name in ("tsit5", "dopri8", "kvaerno5")),
-    ],
-)
+@pytest.mark.campaign
+@pytest.mark.parametrize("method", ["rk4", "tsit5", "dopri8", "kvaerno5"])
 def test_a_gait_that_begins_at_once_is_balanced(reference, method):
     """dU/dt jumps at t = 0, and the balance knows it, by every method that takes further equations."""
     flying = Scene(reference.structure, gait=eqx.tree_at(lambda g: g.start, reference.gait, np.asarray(0.0)))
@@ -92,7 +87,7 @@ def test_a_conservative_scene_loses_nothing(reference):
     assert np.abs(audit.residual).max() < 1e-6 * audit.turned_over
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_switch_is_in_the_balance(reference):
     """A force law without a dissipation function is audited by its power."""
     switch = SwitchFriction(0.5, 0.4, 1e-3)
@@ -142,7 +137,7 @@ def on_cables(exact, start: float):
     return with_gait(exact, Gait(tuple(range(6, 30)), phases, np.full(24, 0.15), np.full(24, 0.5), start, ramp=0.5))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_actuated_cables_are_balanced_wherever_in_a_step_their_gait_begins(exact):
     """On a step's end or half way between two: dU/dt jumps as the ramp begins, within the time that one step is for."""
     dt = 5e-3

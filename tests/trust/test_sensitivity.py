@@ -37,7 +37,7 @@ def test_supports_are_not_disturbed():
     np.testing.assert_allclose(found.norm, found.times / 4, rtol=1e-4, atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_points_that_follow_a_body_are_not_disturbed():
     """A free body of four basic points and one that follows: its centre drifts as the basic points' shares of its mass
     say, since impulses within it keep its momentum."""

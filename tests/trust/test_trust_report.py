@@ -57,7 +57,7 @@ def falling():
     return scene, diagnose(scene, 0.3, options=SolverOptions(dt=1e-3))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_float32_is_held_against_float64(falling):
     """The bar of a rollout in float32 includes its rounding."""
     scene, double = falling
