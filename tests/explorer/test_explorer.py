@@ -64,6 +64,7 @@ def compiled():
     jax.monitoring.unregister_event_duration_listener(listen)
 
 
+@pytest.mark.slow
 def test_knobs_where_they_are_change_nothing(exact):
     """The same motion, to rounding, as without the explorer."""
     values = {knob.name: knob.value for knob in knobs(exact)}

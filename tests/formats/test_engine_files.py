@@ -157,7 +157,14 @@ def moved(content: dict, seconds: float) -> np.ndarray:
     return np.stack([centre - reach, centre + reach], axis=1)
 
 
-@pytest.mark.parametrize("where", [pytest.param("ends", marks=pytest.mark.slow), "beside", "network"])
+@pytest.mark.parametrize(
+    "where",
+    [
+        pytest.param("ends", marks=pytest.mark.campaign),
+        pytest.param("beside", marks=pytest.mark.slow),
+        pytest.param("network", marks=pytest.mark.campaign),
+    ],
+)
 def test_a_free_flight_is_that_of_the_engines_equations(tmp_path, where):
     """Within a micrometre after half a second: with sites at the ends, beside the axes, and for rods that do not spin.
 

@@ -166,6 +166,7 @@ BOUNCING = """<mujoco><option timestep="1e-4"/><worldbody><geom type="plane" siz
 </mujoco>"""
 
 
+@pytest.mark.campaign
 def test_a_ball_bounces_as_in_mujoco(read):
     """Its height a second later, after several bounces, within the time that contact lasts there."""
     scene = read(BOUNCING).scene

@@ -50,7 +50,9 @@ def apart(scene, text):
 LAW = 'stiffness="3" damping="0.2" springref="40"'
 
 
-@pytest.mark.parametrize("free", [True, False])
+@pytest.mark.parametrize(
+    "free", [pytest.param(True, marks=pytest.mark.campaign), pytest.param(False, marks=pytest.mark.slow)]
+)
 def test_hinges_with_springs_move_as_in_mujoco(free, tmp_path):
     """Between free bodies, and to the world: 0.5 s within 1e-6 m. Without the springs they move elsewhere."""
     text = hinged(LAW, free)

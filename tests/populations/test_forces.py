@@ -57,6 +57,7 @@ def test_springs_pull_by_their_law(standing):
     assert (forces.tension[-1, :6] < 0).all()
 
 
+@pytest.mark.slow
 def test_rigid_struts_carry_what_stiff_ones_do(standing):
     """The same robot on both contact models, standing: within what soft struts give way."""
     exact, soft = (standing[name][2].tension[-1, :6] for name in ("exact", "reference"))

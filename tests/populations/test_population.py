@@ -261,6 +261,7 @@ def tethered() -> Scene:
     return Scene(structure, gait=Gait((0,), [0.0], [0.1], [1.0]))
 
 
+@pytest.mark.slow
 def test_velocities_that_stretch_a_body_fail_without_impulses():
     """As `simulate` refuses them; the body that moves as a whole does not fail."""
     scene, rk4, v = tethered(), SolverOptions("rk4", dt=5e-3), np.zeros((2, 5, 3))

@@ -19,6 +19,7 @@ def falling():
 
 def assert_same_in_pieces(monkeypatch, scene, duration, **how):
     """Frames, failure code and steps; the first piece has a fourth of `LONG`, and each next one twice as many."""
+    jax.clear_caches()  # programs of other tests may be optimised otherwise, and then round otherwise
     whole = simulate(scene, duration, **how)
     with monkeypatch.context() as changed:
         changed.setattr(pieces, "LONG", 2**11)

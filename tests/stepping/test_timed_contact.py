@@ -65,6 +65,7 @@ def errors(scene: Scene, begin: list, duration: float, method: str, steps=STEPS)
     return np.array([[np.linalg.norm(end(b, h, method) - x) for h in steps] for b, x in zip(begin, finest)])
 
 
+@pytest.mark.slow
 def test_rods_that_land_and_stick_have_a_fifth_of_the_error():
     for spin in (0.5, 2.0):
         begin = starts(6, 0.2, spin)
@@ -95,6 +96,7 @@ def test_a_curved_slide_is_of_second_order():
     assert (np.log2(found[:-1] / found[1:]) > 1.8).all()
 
 
+@pytest.mark.campaign
 def test_rolling_robots_are_nearly_twice_as_accurate():
     exact = load_scene("exact")
     gaits = gaits_of(exact.gait, random_phases(16, 6, seed=0))
@@ -155,6 +157,7 @@ def test_landings_with_friction_add_no_energy():
     assert np.median(timed) < -0.01
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_the_step():
     scene, (q, v) = rod(), starts(1, 0.2, 0.5)[0]
     options = resolve(scene, 0.1, SolverOptions(method="complementarity2", dt=5e-3))
