@@ -131,7 +131,7 @@ class TrustReport(NamedTuple):
             growing = f", growing by {in_digits(rate, 2)} 1/s" if np.isfinite(rate) else ""
             size = finite_or(facts["sensitivity"], self.sensitivity.unit, "not known, since it is not finite")
             spread = self.sensitivity.spread
-            drawn = f" (within some {spread:.0%}, from random directions)" if spread else ""
+            drawn = f" (estimated by random directions, standard deviation {spread:.0%})" if spread else ""
             rows["sensitivity at the end"] = f"{size}{drawn}{growing}"
         lasting = "at least " if facts["predictable_up_to"] >= np.asarray(self.trajectory.times)[-1] else ""
         rows[f"predictable to {100 * self.predictable:.3g} cm up to"] = f"{lasting}{facts['predictable_up_to']:.3g} s"
