@@ -62,8 +62,8 @@ def test_points_that_follow_a_body_are_not_disturbed():
 
 @pytest.mark.slow
 def test_random_directions_estimate_the_norm(monkeypatch):
-    """Of a body that lands on the ground, where each step solves for all impulses at once: thousands of them are as good
-    as all derivatives, and what is estimated says so."""
+    """Of a body that lands, where each step solves for all impulses at once: thousands of them are as good as all
+    derivatives, and what is estimated says so."""
     corners = np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.4, 0], [0.1, 0.1, 0.4]])
     body = rigid_body(corners, range(4), 2.0, [0.05, 0.05, 0.04])
     structure = Structure(corners + np.array([0, 0, 0.02]), np.zeros(4), bodies=(body,))
