@@ -38,6 +38,8 @@ def main(settings: ConvertSettings) -> None:
     lost = write_any(scene, settings.target)
     print(f"wrote {settings.target}")
     print("\n".join(f"  {note}" for note in lost or ("nothing is lost",)))
+    if settings.target.suffix.lower() == ".toml" and (words := gait_words(found)):
+        print(f"  {words}")
 
 
 def _read(settings: ConvertSettings) -> Imported:
@@ -84,6 +86,15 @@ def ends_words(scene: Scene, source: str) -> str:
     if not parts:
         raise InputError(f"--mass-at-ends: no member of {source} has a mass of its own; expected rods with mass")
     return "; ".join(parts)
+
+
+def gait_words(found: Imported) -> str:
+    """Which members a gait may move, in words, where neither the scene nor a note says so; else empty."""
+    structure = found.scene.structure
+    if found.scene.gait is not None or not structure.member_count or any("[gait] members" in n for n in found.notes):
+        return ""
+    kind = "struts" if structure.cables is None else "cables"
+    return f'the file names no actuators. For a search, add a [gait] and choose them: [gait] members = "{kind}"'
 
 
 def counts(scene: Scene) -> str:

@@ -34,6 +34,10 @@ CLOSED = [0.9999, 0.9999, 1e-3, 0.5, 2.0]
 """`solimp` of what closes loops of joints, nearly rigid. Its time constant is two steps, the shortest in MuJoCo."""
 
 
+NEEDS_VERSION_4 = "it needs MuJoCo 4 or newer, since the stiffness of some tendons grows with their stretch"
+"""Note on files that older versions of MuJoCo refuse."""
+
+
 class MuJoCoModel(NamedTuple):
     """A scene as MuJoCo has it."""
 
@@ -102,6 +106,7 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
         if node not in in_bodies:
             _point(world, plan, node, drag[node])
     notes += add_members(root, scene, plan)
+    notes += _version_needed(root)
     _drag_on_bodies(root, {node: drag[node] for node in sorted(in_bodies) if drag[node]})
     ElementTree.indent(root)
     others = [term for term in scene.terms if not isinstance(term, WRITTEN)]
@@ -219,6 +224,14 @@ def _node(body: ElementTree.Element, plan: Plan, node: int, at: np.ndarray, mass
     size = plan.larger + plan.balls[node] if touches else plan.radius
     add_element(body, "geom", size=[size], pos=at, mass=mass, contype=int(touches), conaffinity=0)
     add_element(body, "site", name=f"n{node}", pos=at)
+
+
+def _version_needed(root: ElementTree.Element) -> list[str]:
+    """Says, also in the file itself, that some stiffness has several numbers, which older versions do not read."""
+    if not any(" " in tendon.get("stiffness", "") for tendon in root.iter("spatial")):
+        return []
+    root.insert(0, ElementTree.Comment(f" {NEEDS_VERSION_4} "))
+    return [NEEDS_VERSION_4]
 
 
 def _drag_on_bodies(root: ElementTree.Element, drag: dict[int, float]) -> None:

@@ -33,9 +33,10 @@ DEFAULTS: dict[str, dict[str, float]] = {
 UNUSED = {
     "roll_friction", "restitution", "history", "max_tension", "target_velocity", "min_actual_length",
     "min_rest_length", "radius", "motor_friction", "motor_inertia", "back_drivable",
+    "rollFriction", "hist", "maxTens", "targetVelocity", "minActualLength", "minRestLength",
 }  # fmt: skip
 """Parameters that move nothing: those of motors, which wait for a controller, and those that NTRT multiplies by 0 of
-its ground."""
+its ground. The last six are their names in NTRT's first builder of files."""
 TRUTH = {"true": 1.0, "yes": 1.0, "on": 1.0, "y": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "n": 0.0}
 """YAML's words, in any case, for true and false."""
 

@@ -1,6 +1,6 @@
 """Nodes on cables of their own, which a scene file adds to a structure of the catalogue: a payload, for example."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import msgspec
 import numpy as np
@@ -10,7 +10,7 @@ from jaxgrity.io.member_tables import CablesTable, Prestrain
 from jaxgrity.io.structure_tables import CustomTable, StructureTable
 from jaxgrity.io.table_types import NotNegative, Pair, Positive, Table
 from jaxgrity.io.validation import shown
-from jaxgrity.model.structure import check_edges
+from jaxgrity.model.structure import Members, check_edges
 from jaxgrity.structures.geometry import RobotGeometry
 
 OWN = ("stiffness", "damping", "prestrain")
@@ -60,9 +60,21 @@ def with_added_parts(tables: Sequence[AddedTable], structure: StructureTable, ro
     return robot._replace(nodes=nodes, cables=cables)
 
 
-def added_masses(tables: Sequence[AddedTable]) -> list[float]:
-    """The mass of each added node, kg."""
-    return [float(table.mass or 0.0) for table in tables for _ in table.nodes]
+def added_masses(
+    tables: Sequence[AddedTable], count: int, cables: Members | None, held: Collection[int]
+) -> list[float]:
+    """The mass of each added node, kg; they are the last of `count` nodes.
+
+    Raises `InputError` for one without mass that none of its cables bears either, unless it is `held` by a support.
+    """
+    each = [(k, float(table.mass or 0.0)) for k, table in enumerate(tables) for _ in table.nodes]
+    heavy = {*held}
+    if cables is not None and cables.mass is not None:
+        heavy |= {node for edge, mass in zip(cables.edges, np.asarray(cables.mass)) if mass for node in edge}
+    for node, (k, mass) in enumerate(each, count - len(each)):
+        if not mass and node not in heavy:
+            raise InputError(f"added[{k}].mass = 0: no cable of node {node} has mass either; expected some mass")
+    return [mass for _, mass in each]
 
 
 def with_own_numbers(cables: CablesTable | None, tables: Sequence[AddedTable], count: int) -> CablesTable | None:

@@ -153,9 +153,9 @@ def _structure(file: SceneFile, robot: RobotGeometry, ground: Ground | None) -> 
         "cables": build_members(file.cables, robot.cables, posed if over else nodes, "cables"),
     }
     massive = bool(bodies) or any(m is not None and m.mass is not None for m in parts.values())
-    extra = added_masses(file.added)
-    mass = np.append(_node_mass(table, len(nodes) - len(extra), massive), extra)
     fixed = tuple((each, "xyz") if isinstance(each, int) else (each.node, each.axes) for each in table.fixed)
+    extra = added_masses(file.added, len(nodes), parts["cables"], [node for node, _ in fixed])
+    mass = np.append(_node_mass(table, len(nodes) - len(extra), massive), extra)
     made = build_bodies(bodies, nodes, fixed)
     found = Structure(posed, mass, parts["struts"], parts["cables"], fixed=fixed, bodies=made)
     if table.prestress is None:

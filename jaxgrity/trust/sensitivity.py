@@ -22,6 +22,12 @@ from jaxgrity.stepping.simulate import frame_times
 SHARED_FRAMES = 128
 """Frames of a motion are padded to multiples of this number, so that short motions share compiled programs."""
 
+MOST_VARIED = 64
+"""Largest number of derivatives that are all computed if each step solves for all impulses at once. Beyond, the cost
+of such robots would grow with the square of their size."""
+DIRECTIONS = 32
+"""Number of random directions that estimate the norm of more derivatives, to about 1/sqrt(2 * 32), an eighth."""
+
 
 class Sensitivity(NamedTuple):
     """Sensitivity of the centre of mass to the phases of the gait, or without a gait to the initial velocities."""
@@ -31,6 +37,8 @@ class Sensitivity(NamedTuple):
     norm: Times
     """(frames,), spectral norm of d(com)/d(phase), m/rad; without a gait, of d(com)/d(initial velocities), m/(m/s)"""
     unit: str = "m/rad"
+    spread: float = 0.0
+    """standard deviation of the norm as a share of it, where random directions estimate it; 0 where it is computed"""
 
     def horizon(self, largest: float) -> float:
         """Time up to which the norm is at most `largest`, s."""
@@ -58,6 +66,10 @@ def sensitivity(scene: Scene, duration: float, *, options: Options = None, frame
     not trust distances or their gradients. For a scene without a gait, the derivative is with respect to the initial
     velocities.
 
+    Robots of many rigid bodies have hundreds of such velocities. If there are more than `MOST_VARIED`, and each step
+    solves for all impulses at once, derivatives along `DIRECTIONS` random directions estimate the norm. The directions
+    are the same in each call and at each time.
+
     Args:
         scene: the scene to simulate.
         duration: simulated time, s.
@@ -81,13 +93,19 @@ def sensitivity(scene: Scene, duration: float, *, options: Options = None, frame
     times = frame_times(duration, frame_rate)
     parts = len(times) - 1
     exact, end, inputs = as_dtype(scene, "float64"), np.asarray(duration, float), resolved.as_inputs()
+    shared, count = (SHARED_FRAMES * -(-parts // SHARED_FRAMES), np.asarray(parts)), _varied(exact).size
+    estimated = resolved.coupled and count > MOST_VARIED
     if resolved.dt is None or resolved.method.implicit:
-        found = _com_jacobian_of_one(exact, end, inputs, parts)
+        found = _com_along(exact, end, inputs, parts, np.eye(count))
+    elif estimated:
+        drawn = np.random.default_rng(0).standard_normal((count, DIRECTIONS))
+        found = _com_along(exact, end, inputs, shared, drawn / np.sqrt(DIRECTIONS))
     else:
-        found = _com_jacobian(exact, end, inputs, SHARED_FRAMES * -(-parts // SHARED_FRAMES), np.asarray(parts))
+        found = _com_jacobian(exact, end, inputs, *shared)
     jacobian = np.asarray(found)[: len(times)]
     norm = np.where(np.isfinite(jacobian).all((1, 2)), np.linalg.norm(np.nan_to_num(jacobian), 2, axis=(1, 2)), np.inf)
-    return Sensitivity(times, norm, "m/rad" if scene.gait is not None else "m/(m/s)")
+    unit, spread = "m/rad" if scene.gait is not None else "m/(m/s)", 1 / np.sqrt(2 * DIRECTIONS)
+    return Sensitivity(times, norm, unit, float(spread) if estimated else 0.0)
 
 
 @eqx.filter_jit
@@ -104,11 +122,17 @@ def _com_jacobian(scene: Scene, duration: Scalar, options: ResolvedOptions, room
 
 
 @eqx.filter_jit
-def _com_jacobian_of_one(scene: Scene, duration: Scalar, options: ResolvedOptions, parts: int) -> AnyArray:
-    """The same with one rollout, (parts + 1, 3, numbers varied), where each robot would choose its steps by itself."""
-    own = _varied(scene)
+def _com_along(
+    scene: Scene, duration: Scalar, options: ResolvedOptions, parts: int | tuple[int, Count], directions: AnyArray
+) -> AnyArray:
+    """d com(t) along each of the directions, (numbers varied, directions), by one rollout that all of them share.
+
+    (parts + 1, 3, directions). Where robots choose their steps, each of many would choose its own.
+    """
+    own, free = _varied(scene), _free(scene, _varied(scene))
     path = lambda x: _paths(scene, x[..., None], duration, options, parts)[..., 0]  # noqa: E731
-    return jax.jacfwd(path)(own).reshape(parts + 1, 3, own.size) * _free(scene, own).ravel()
+    one = lambda along: jax.jvp(path, (own,), (along.reshape(own.shape) * free,))[1]  # noqa: E731
+    return jax.vmap(one, in_axes=-1, out_axes=-1)(directions)
 
 
 def _free(scene: Scene, own: AnyArray) -> AnyArray:

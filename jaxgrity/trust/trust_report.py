@@ -102,6 +102,7 @@ class TrustReport(NamedTuple):
         if self.sensitivity is not None:
             found["sensitivity"] = self.sensitivity.norm[-1]
             found["sensitivity_growth_rate"] = self.sensitivity.growth_rate
+            found |= {"sensitivity_spread": self.sensitivity.spread} if self.sensitivity.spread else {}
         return found
 
     def table(self) -> str:
@@ -129,7 +130,9 @@ class TrustReport(NamedTuple):
             rate = facts["sensitivity_growth_rate"]
             growing = f", growing by {in_digits(rate, 2)} 1/s" if np.isfinite(rate) else ""
             size = finite_or(facts["sensitivity"], self.sensitivity.unit, "not known, since it is not finite")
-            rows["sensitivity at the end"] = f"{size}{growing}"
+            spread = self.sensitivity.spread
+            drawn = f" (estimated by random directions, standard deviation {spread:.0%})" if spread else ""
+            rows["sensitivity at the end"] = f"{size}{drawn}{growing}"
         lasting = "at least " if facts["predictable_up_to"] >= np.asarray(self.trajectory.times)[-1] else ""
         rows[f"predictable to {100 * self.predictable:.3g} cm up to"] = f"{lasting}{facts['predictable_up_to']:.3g} s"
         return aligned(list(rows.items()))

@@ -63,6 +63,16 @@ def test_builders_that_match_nothing_are_named(tmp_path):
     assert "builders that match nothing have no effect: horizonal string" in found.notes
 
 
+def test_parameters_that_move_nothing_are_left_out(tmp_path):
+    """By the names of NTRT's first builder of files too."""
+    text = (DATA / "prism.yaml").read_text()
+    older = text.replace("max_tension", "hist: 0, targetVelocity: 9, minActualLength: 1, minRestLength: 1, maxTens")
+    (tmp_path / "robot.yaml").write_text(older.replace("friction: 0.9", "friction: 0.9, rollFriction: 0.1"))
+    again, plain = read_ntrt(tmp_path / "robot.yaml").scene.structure, read_ntrt(DATA / "prism.yaml").scene.structure
+    np.testing.assert_array_equal(again.nodes, plain.nodes)
+    np.testing.assert_array_equal(again.mass, plain.mass)
+
+
 def test_the_unit_of_length_can_be_another():
     """Masses and stiffness do not depend on it; lengths and forces do."""
     small, large = (read_ntrt(DATA / "prism.yaml", unit, ["radius"]).scene.structure for unit in (0.1, 1.0))

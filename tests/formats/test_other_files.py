@@ -330,9 +330,12 @@ def test_the_command_says_what_was_read_and_what_is_lost(tmp_path, capsys):
     assert "6 nodes, 3 struts, 9 cables, 1.807 kg" in said
     assert "one unit of length is 1 m" in said
     assert "the ends of rods and boxes touch the ground as points" in said
-    assert said.endswith("robot.toml\n  nothing is lost\n")
+    chosen = 'the file names no actuators. For a search, add a [gait] and choose them: [gait] members = "cables"\n'
+    assert said.endswith(f"robot.toml\n  nothing is lost\n  {chosen}")
     main(ConvertSettings(str(tmp_path / "robot.toml"), tmp_path / "robot.mat"))
-    assert "such a file holds the structure alone: gravity, ground, friction" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "such a file holds the structure alone: gravity, ground, friction" in said
+    assert "[gait] members" not in said  # such a file holds none
     with pytest.raises(InputError, match=r"x.doc: unknown ending"):
         main(ConvertSettings("reference", Path("x.doc")))
     with pytest.raises(
@@ -355,6 +358,7 @@ def test_the_command_puts_mass_at_the_ends(tmp_path, capsys):
     assert rods.structure.mass == pytest.approx(9.0)
     main(ConvertSettings(str(tmp_path / "rods.toml"), tmp_path / "light.toml", mass_at_ends=True))
     said = capsys.readouterr().out
+    assert "[gait] members" not in said  # the scene has a gait
     assert "6 struts have their mass at their ends now. The heaviest has 1.5 kg with its ends, and a moment of" in said
     assert "a moment of inertia of 0.375 kg m^2 about its centre of mass in place of 0.125\n" in said
     light = load_scene(tmp_path / "light.toml").structure

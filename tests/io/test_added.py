@@ -90,7 +90,7 @@ def test_kinds_of_rigid_bodies_get_them_too():
         ("cables = [[3, 6]]", "nodes = [[0, 0, 1]]\nmass = 1", "added[1].stiffness = 100: it adds no cables"),
         ("mass = 0.5", "", "added[0].mass: missing; expected the mass of each node, kg"),
         ("mass = 0.5", "mass = -1", "added[0].mass = -1: expected a number >= 0"),
-        ("mass = 0.5", "mass = 0", "structure.node_mass[6] = 0: no member there has mass either"),
+        ("mass = 0.5", "mass = 0", "added[0].mass = 0: no cable of node 6 has mass either; expected some mass"),
         ("mass = 0.5", "weight = 0.5", "added[0].weight = 0.5: unknown key; expected one of nodes, mass, cables"),
         ("stiffness = 400.0\n", f"stiffness = {[1] * 17}\n", "added[1].stiffness = 100: cables.stiffness is a list"),
         ("stiffness = 400.0\n", "force = { stretch = [0, 1], force = [0, 5] }\n", "cables.stiffness is missing"),
@@ -106,6 +106,15 @@ def test_added_parts_that_are_none_are_refused(old, new, said):
     text = KIND + HUNG + MORE
     assert old in text
     assert said in refused(text.replace(old, new, 1))
+
+
+def test_added_nodes_without_mass_need_cables_with_mass_or_a_support():
+    """These bear them."""
+    massless = (KIND + HUNG).replace("mass = 0.5", "mass = 0")
+    on_cables = parse_scene(massless.replace("prestrain = 0.2", "prestrain = 0.2\nmass = 0.1")).structure
+    assert on_cables.node_mass[6:].tolist() == [0.0, 0.0]
+    held = massless.replace('"prism"', '"prism"\nfixed = [6, 7]')
+    assert parse_scene(held).structure.fixed == ((6, "xyz"), (7, "xyz"))
 
 
 def test_no_other_kind_of_unknown_key_is_told_of_added_parts():

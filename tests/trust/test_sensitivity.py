@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from jaxgrity import Members, Scene, Sensitivity, SolverOptions, Structure, gaits_of, sensitivity, simulate_population
+from jaxgrity import (
+    ConeFriction,
+    ExactGround,
+    Members,
+    Scene,
+    Sensitivity,
+    SolverOptions,
+    Structure,
+    gaits_of,
+    sensitivity,
+    simulate_population,
+)
 from jaxgrity.model import rigid_body
 
 OPTIONS = SolverOptions(dt=1e-3)
@@ -47,3 +58,22 @@ def test_points_that_follow_a_body_are_not_disturbed():
     found = sensitivity(scene, 0.2, options=SolverOptions(dt=5e-3))
     shares = np.asarray(body.matrix).sum(0) / 2.0
     np.testing.assert_allclose(found.norm, found.times * np.linalg.norm(shares), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_random_directions_estimate_the_norm(monkeypatch):
+    """Of a body that lands, where each step solves for all impulses at once: thousands of them are as good as all
+    derivatives, and what is estimated says so."""
+    corners = np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.4, 0], [0.1, 0.1, 0.4]])
+    body = rigid_body(corners, range(4), 2.0, [0.05, 0.05, 0.04])
+    structure = Structure(corners + np.array([0, 0, 0.02]), np.zeros(4), bodies=(body,))
+    scene = Scene(structure, gravity=9.81, ground=ExactGround(), friction=ConeFriction(0.5))
+    options = SolverOptions(dt=5e-3)
+    exact = sensitivity(scene, 0.3, options=options, frame_rate=10.0)
+    assert exact.spread == 0
+    monkeypatch.setattr("jaxgrity.trust.sensitivity.MOST_VARIED", 11)  # the velocities of four points are twelve
+    monkeypatch.setattr("jaxgrity.trust.sensitivity.DIRECTIONS", 3200)
+    found = sensitivity(scene, 0.3, options=options, frame_rate=10.0)
+    assert found.spread == pytest.approx(1 / 80)
+    np.testing.assert_allclose(found.norm, exact.norm, rtol=4 / 80)
+    assert found.norm[-1] != exact.norm[-1]

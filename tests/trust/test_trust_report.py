@@ -48,6 +48,10 @@ def test_the_summary_says_it_all_and_goes_into_json(roll, tmp_path):
     assert 1.0 < found["predictable_up_to"] <= 2.5
     for line in ("error bar", "energy residual", "momentum residual", "penetration", "strut strain", "predictable"):
         assert line in roll.table()
+    assert "random directions" not in roll.table()
+    estimated = roll._replace(sensitivity=roll.sensitivity._replace(spread=0.125))
+    assert " m/rad (estimated by random directions, standard deviation 12%), growing" in estimated.table()
+    assert estimated.summary()["sensitivity_spread"] == 0.125
 
 
 @pytest.fixture(scope="module")
