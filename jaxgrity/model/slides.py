@@ -74,7 +74,7 @@ class Slides(Constraint):
 
     def offsets(self, q: NodeVectors) -> AnyArray:
         """(slides, 3), m: from its line to each node at `q`, across the line."""
-        return beside(*(q[np.array(nodes)] for nodes in (self.nodes, *zip(*self.along))))
+        return off_line(*(q[np.array(nodes)] for nodes in (self.nodes, *zip(*self.along))))
 
     def gaps(self, q, t):
         off = self.offsets(q)
@@ -100,7 +100,7 @@ class Lines(NamedTuple):
     """(rows, 3), m, b - a"""
 
 
-def beside(node: AnyArray, first: AnyArray, last: AnyArray) -> AnyArray:
+def off_line(node: AnyArray, first: AnyArray, last: AnyArray) -> AnyArray:
     """(..., 3), m: from the line through two places to a third one, across the line."""
     line, to = last - first, node - first
     return to - ((line * to).sum(-1) / (line * line).sum(-1))[..., None] * line

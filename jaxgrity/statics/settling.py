@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
+from jaxgrity.core.types import Edges
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.rod_contact import set_down
 from jaxgrity.model.scales import length_scale
@@ -74,7 +75,8 @@ def _at_rest(alone: Scene) -> np.ndarray:
     structure, held = alone.structure, apart(with_spring_struts(alone))[1]
     springs, count = as_springs(structure)
     nodes = np.asarray(resting_shape(alone).q, float)
-    edges, wanted = (), np.zeros(0)
+    edges: Edges = ()
+    wanted = np.zeros(0)
     if count:
         assert springs.struts is not None, "as_springs made them"
         edges, wanted = springs.struts.edges[-count:], np.asarray(springs.struts.rest_length, float)[-count:]

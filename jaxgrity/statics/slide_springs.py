@@ -13,7 +13,7 @@ from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar
 from jaxgrity.model.laws import Configuration, EnergyTerm
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.slides import Slides, beside, known_lines
+from jaxgrity.model.slides import Slides, known_lines, off_line
 
 
 class SlideSprings(EnergyTerm):
@@ -36,7 +36,7 @@ class SlideSprings(EnergyTerm):
 
     def of_one(self, x: NodeVectors, offset: AnyArray) -> Scalar:
         """U, J, of a node at x[0] with the nodes of its line at x[1] and x[2], m."""
-        return self.stiffness * jnp.sum((beside(*x) - offset) ** 2) / 2
+        return self.stiffness * jnp.sum((off_line(*x) - offset) ** 2) / 2
 
 
 def springs_for(slides: Slides, stiffness: float) -> SlideSprings:
@@ -63,7 +63,7 @@ class Tangent(NamedTuple):
     """gives K = d2U/dq2, N/m, (3 nodes, 3 nodes)"""
 
 
-def together(first: Tangent, second: Tangent) -> Tangent:
+def sum_of_both(first: Tangent, second: Tangent) -> Tangent:
     """The sum of two terms of U."""
     K = lambda: sp.csc_array(first.stiffness() + second.stiffness())  # noqa: E731
     return Tangent(first.energy + second.energy, first.gradient + second.gradient, K)
@@ -87,7 +87,7 @@ def across_lines(slides: Slides, q: NodeVectors) -> tuple[sp.csc_array, np.ndarr
 
     Each is for a force density of 1 N/m along the line's length, as `equilibrium_matrix` has it for members.
     """
-    lines = known_lines(slides, q)
+    lines = known_lines(slides, np.asarray(q, float))
     size = np.linalg.norm(lines.line, axis=1)
     columns = slides.directions(np.asarray(q, float), 1.0).T @ sp.diags_array(size)
     return sp.csc_array(columns), -size[:, None] * lines.across

@@ -61,8 +61,10 @@ def with_spring_struts(scene: Scene, loads: np.ndarray | None = None, times: flo
     more = structure.first_cable - first
     gait, terms = scene.gait, scene.terms
     if more:  # of bodies: cables have other numbers then, and the user's terms know none of these springs
-        own = [isinstance(term, EnergyTerm) and not isinstance(term, SlideSprings) for term in terms]
-        terms = tuple(_AsBuilt(term, scene) if each else term for term, each in zip(terms, own))
+        terms = tuple(
+            _AsBuilt(term, scene) if isinstance(term, EnergyTerm) and not isinstance(term, SlideSprings) else term
+            for term in terms
+        )
     terms = tuple(springs_for(term, stiff) if isinstance(term, Slides) else term for term in terms)
     if more and gait is not None:
         moved = tuple(k if k < first else k + more for k in gait.members)

@@ -22,7 +22,7 @@ from jaxgrity.model.body_points import carrying, independent_nodes
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.structure import Structure, member_vectors, onto_nodes
-from jaxgrity.statics.slide_springs import Tangent, about, apart, together
+from jaxgrity.statics.slide_springs import Tangent, about, apart, sum_of_both
 from jaxgrity.statics.spectrum import unpivoted
 
 Fixed = Bool[AnyArray, "nodes 3"]
@@ -63,7 +63,7 @@ def tangent_of(scene: Scene) -> Callable[[NodeVectors], Tangent]:
     """U, its gradient and its Hessian at t = 0 as a function of shapes: one compiled program (`stiffness_matrix`)."""
     others, slides = apart(scene)
     tangent = _tangent_of(others)
-    return tangent if slides is None else lambda q: together(tangent(q), about(slides, q))
+    return tangent if slides is None else lambda q: sum_of_both(tangent(q), about(slides, q))
 
 
 def _tangent_of(scene: Scene) -> Callable[[NodeVectors], Tangent]:
