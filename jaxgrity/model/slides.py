@@ -72,11 +72,12 @@ class Slides(Constraint):
         each = np.take_along_axis(lines.weights, nodes, axis=1)
         return rows_on_nodes(each[:, :, None] * lines.across[:, None], nodes, q.size)
 
+    def offsets(self, q: NodeVectors) -> AnyArray:
+        """(slides, 3), m: from its line to each node at `q`, across the line."""
+        return off_line(*(q[np.array(nodes)] for nodes in (self.nodes, *zip(*self.along))))
+
     def gaps(self, q, t):
-        node, first, last = (q[np.array(nodes)] for nodes in (self.nodes, *zip(*self.along)))
-        line, beside = last - first, node - first
-        share = (line * beside).sum(1) / (line * line).sum(1)
-        off = beside - share[:, None] * line
+        off = self.offsets(q)
         return (off * off).sum(1) ** 0.5 if isinstance(q, np.ndarray) else jnp.sqrt((off * off).sum(1))
 
     def complaint(self, q, t, part):
@@ -97,6 +98,12 @@ class Lines(NamedTuple):
     """(rows, nodes), weights of b - a"""
     line: AnyArray
     """(rows, 3), m, b - a"""
+
+
+def off_line(node: AnyArray, first: AnyArray, last: AnyArray) -> AnyArray:
+    """(..., 3), m: from the line through two places to a third one, across the line."""
+    line, to = last - first, node - first
+    return to - ((line * to).sum(-1) / (line * line).sum(-1))[..., None] * line
 
 
 def slides_of(scene: Any) -> Slides | None:

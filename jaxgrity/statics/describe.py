@@ -154,7 +154,7 @@ def _describe_slides(scene: Scene) -> list[tuple[str, str]]:
 
 def _describe_prestress(scene: Scene) -> list[tuple[str, str]]:
     structure = scene.structure
-    # `inspect` reports on bodies, and statics knows no slides
+    # `inspect` reports on bodies, and supports decide how many modes of slides are not real
     if structure.member_count == 0 or structure.bodies or slides_of(scene) is not None:
         return []
     if others := [term.name for term in scene.terms if isinstance(term, EnergyTerm)]:

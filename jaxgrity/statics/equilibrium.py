@@ -18,9 +18,9 @@ from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import linked
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.slides import check_no_slides
+from jaxgrity.model.slides import lines_at, slides_of
 from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness, smallest_stiffness
 from jaxgrity.statics.spring_struts import stiffness_around, with_spring_struts
 from jaxgrity.statics.stiffness import coordinate_map, factor_if_definite, free_coordinates, tangent_of
@@ -63,7 +63,7 @@ def resting_shape(
     structure of thousands of members takes seconds.
 
     Args:
-        scene: what acts; the gait at t = 0. Rigid struts, and the struts of rigid bodies, become very stiff springs.
+        scene: what acts; the gait at t = 0. Rigid struts, bodies and slides become very stiff springs.
             Supports hold their coordinates where they start.
         start: positions to start from, m; None: the structure's own.
         loads: (nodes, 3), constant forces, N; None: none.
@@ -114,14 +114,14 @@ def resting_shape(
 def equilibrium_near(scene: Scene, shape: NodeVectors, loads: NodeVectors | None = None) -> NodeVectors:
     """The equilibrium close to `shape`, m, differentiable with respect to `loads`, N, and everything in the scene.
 
-    A stationary point of U(q, 0) - sum f·x + sum lambda (l - L), with a multiplier for every rigid strut, by Newton's
-    method (optimistix). The derivatives are those of the implicit function theorem: dq/dp = -K^-1 d2U/dq dp without
-    rigid struts. Where rigid motions make K singular, the least squares solution is taken. `shape` comes from
-    `resting_shape` and is held constant; so are supported coordinates. NaN where Newton's method does not converge. K
+    A stationary point of U(q, 0) - sum f·x + sum lambda c, with a multiplier for every rigid strut, whose c is l - L,
+    and two for every sliding node, whose c are its distances from its line. Newton's method (optimistix) finds it, and
+    the derivatives are those of the implicit function theorem: dq/dp = -K^-1 d2U/dq dp without multipliers. Where rigid
+    motions make K singular, the least squares solution is taken. `shape` comes from `resting_shape` and is held
+    constant; so are supported coordinates. NaN where Newton's method does not converge. K
     is dense: some hundred nodes at most. float64 is needed.
     """
     check_no_bodies(scene.structure, "equilibrium_near")
-    check_no_slides(scene, "equilibrium_near")
     near = jax.lax.stop_gradient(jnp.asarray(shape))
     free = free_coordinates(len(near), scene.structure.supported)
     # U by the largest stiffness: one tolerance in metres then suits soft cables and stiff struts
@@ -130,17 +130,22 @@ def equilibrium_near(scene: Scene, shape: NodeVectors, loads: NodeVectors | None
     def placed(x):
         return near.ravel().at[free].set(x[: len(free)]).reshape(near.shape)
 
+    struts, slides = scene.structure.struts, slides_of(scene)
+    across = None if slides is None else lines_at(slides, near).across.reshape(-1, 2, 3)
+
     def lagrangian(x, given):
         (scene, pull), q, multiplier = given, placed(x), x[len(free) :]
         work = 0.0 if pull is None else jnp.sum(pull * q)
         energy = (scene.potential_energy(q, 0.0) - work) / size
-        struts = scene.structure.struts
-        if struts is None or not struts.rigid:
-            return energy
-        return energy + multiplier @ (length(edge_vectors(q, struts.edges)) - rest_length(struts, scene.gait, 0.0, 0))
+        gaps = []
+        if (struts := scene.structure.struts) is not None and struts.rigid:
+            gaps.append(length(edge_vectors(q, struts.edges)) - rest_length(struts, scene.gait, 0.0, 0))
+        if slides is not None:
+            gaps.append(jnp.einsum("skx,sx->sk", across, slides.offsets(q)).ravel())
+        return energy + multiplier @ jnp.concatenate(gaps) if gaps else energy
 
-    struts = scene.structure.struts
     multipliers = len(struts.edges) if struts is not None and struts.rigid else 0
+    multipliers += 0 if slides is None else 2 * len(slides.nodes)
     start = jnp.concatenate([near.ravel()[free], jnp.zeros(multipliers)])
     least_squares = lx.SVD(rcond=1e-9)
     solver: optx.Newton = optx.Newton(rtol=1e-9, atol=1e-9, linear_solver=least_squares)
@@ -194,7 +199,7 @@ def _softer(scene: Scene, loads: np.ndarray) -> Scene | None:
 
     None where there are no such struts, or nothing pulls.
     """
-    if not (rigid_pairs(scene) and stiffness_around(scene, loads)):
+    if not (linked(scene) and stiffness_around(scene, loads)):
         return None
     return with_spring_struts(scene, loads, GIVING)
 

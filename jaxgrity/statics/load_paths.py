@@ -11,8 +11,9 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import NodeVectors
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.springs import largest_force, smallest_stiffness
+from jaxgrity.statics.slide_springs import Tangent
 from jaxgrity.statics.spring_struts import with_spring_struts
-from jaxgrity.statics.stiffness import Tangent, coordinate_map, factor_if_definite, tangent_of
+from jaxgrity.statics.stiffness import coordinate_map, factor_if_definite, tangent_of
 
 FIRST, LONGEST = 0.05, 0.05
 """First step as a share of the whole loads, and the longest one as a share of the structure's size."""

@@ -16,7 +16,7 @@ from jaxgrity.core.types import NodeVectors, PerMember
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.load_cases import LoadCase, check_load_cases
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.slides import check_no_slides
+from jaxgrity.model.slides import Slides
 from jaxgrity.model.structure import Structure
 from jaxgrity.statics.equilibrium import resting_shape
 from jaxgrity.statics.load_paths import LoadPath, PathPoint
@@ -137,10 +137,9 @@ def load_report(scene: Scene, case: LoadCase | str, most: float = 10.0) -> LoadR
     """
     refuse_traced((scene, case), "load_report", "`equilibrium_near` has derivatives of a shape")
     check_number("most", most, least=1.0)
-    check_no_slides(scene, "load_report")
     case = _case(scene, case)
     structure, where = scene.structure, f"load case {case.name!r}"
-    terms = tuple(term for term in scene.terms if isinstance(term, EnergyTerm))
+    terms = tuple(term for term in scene.terms if isinstance(term, (EnergyTerm, Slides)))
     g = scene.gravity if structure.fixed else None
     alone = Scene(structure, gravity=g, up=scene.up, terms=terms, loads=(case,))
     loads = case.on_nodes(len(structure.nodes))

@@ -1,4 +1,4 @@
-"""Rigid struts and bodies as stiff springs, whose forces and Hessians statics computes as those of all members."""
+"""Rigid struts, bodies and slides as stiff springs, whose forces and Hessians are computed as those of members."""
 
 import dataclasses
 from typing import ClassVar
@@ -13,13 +13,14 @@ from jaxgrity.core.types import NodeVectors, Scalar
 from jaxgrity.model.actuation import rest_length
 from jaxgrity.model.ground import PenaltyGround
 from jaxgrity.model.laws import Configuration, EnergyTerm
-from jaxgrity.model.rigidity import rigid_pairs
+from jaxgrity.model.rigidity import linked
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.slides import check_no_slides
+from jaxgrity.model.slides import Slides
 from jaxgrity.model.springs import STIFF, as_springs, stiffness_beside
-from jaxgrity.model.structure import edge_lengths
+from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.form_finding import equilibrium_matrix
-from jaxgrity.statics.stiffness import coordinate_map, tangent_of
+from jaxgrity.statics.slide_springs import SlideSprings, across_lines, apart, springs_for
+from jaxgrity.statics.stiffness import all_edges, coordinate_map, tangent_of
 
 REDUNDANT = 1e-12
 """Weight of the squares of rigid members' forces beside those of the forces left at nodes, as a share of the largest:
@@ -47,19 +48,24 @@ struts are far stiffer than that."""
 
 
 def with_spring_struts(scene: Scene, loads: np.ndarray | None = None, times: float = STIFF) -> Scene:
-    """The scene with stiff springs for rigid struts (`as_springs`). Raises `InputError` on exact contact, or slides.
+    """The scene with stiff springs for rigid struts (`as_springs`) and slides. Raises `InputError` on exact contact.
 
     They are `times` as stiff as what is beside them (`stiffness_around`).
     """
-    check_no_slides(scene, "statics")
     if scene.ground is not None and scene.ground.impulsive:
         raise InputError("statics needs forces, and exact contact has none; expected penalty contact, or no ground")
-    stiff = times * (stiffness_around(scene, loads) or 1.0) if rigid_pairs(scene) else None
+    if not linked(scene):
+        return scene
+    stiff = times * (stiffness_around(scene, loads) or 1.0)
     structure, first = as_springs(scene.structure, stiff)[0], scene.structure.first_cable
     more = structure.first_cable - first
     gait, terms = scene.gait, scene.terms
     if more:  # of bodies: cables have other numbers then, and the user's terms know none of these springs
-        terms = tuple(_AsBuilt(term, scene) if isinstance(term, EnergyTerm) else term for term in terms)
+        terms = tuple(
+            _AsBuilt(term, scene) if isinstance(term, EnergyTerm) and not isinstance(term, SlideSprings) else term
+            for term in terms
+        )
+    terms = tuple(springs_for(term, stiff) if isinstance(term, Slides) else term for term in terms)
     if more and gait is not None:
         moved = tuple(k if k < first else k + more for k in gait.members)
         gait = dataclasses.replace(gait, members=moved, robot=None)
@@ -87,27 +93,52 @@ def stiffness_around(scene: Scene, loads: np.ndarray | None = None) -> float:
 
 
 def bearing(scene: Scene, q: NodeVectors, loads: np.ndarray | None = None) -> Scene:
-    """`with_spring_struts`, with rigid struts and bodies that bear at `q` what all other forces leave to them.
+    """`with_spring_struts`, whose springs bear at `q` what all other forces leave to what is rigid.
 
     So the shape of a scene at rest is one of these springs too, without being compressed. Their forces are part of the
     tangent stiffness: by them bodies swing, and struts buckle.
     """
     springs, count = with_spring_struts(scene, loads), as_springs(scene.structure)[1]
-    struts, x = springs.structure.struts, np.asarray(q, float)
-    if not count or struts is None:
+    if not linked(scene):
         return springs
+    x, held = np.asarray(q, float), apart(springs)[1]
     whole, free = coordinate_map(scene.structure)
-    place, edges = whole[:, free], struts.edges[-count:]
-    pull = sp.csc_array(place.T @ equilibrium_matrix(x, edges))  # of force densities
+    place, columns, across = whole[:, free], [], np.zeros((0, 3))
+    if count:
+        columns.append(equilibrium_matrix(x, all_edges(springs.structure)[: springs.structure.first_cable][-count:]))
+    if held is not None:
+        slopes, across = across_lines(held.slides, x)
+        columns.append(slopes)
+    pull = sp.csc_array(place.T @ sp.hstack(columns))  # of force densities
+    left = -place.T @ tangent_of(springs)(x).gradient.ravel()
+    density = _least_squares(pull, left)
+    if count:
+        springs = dataclasses.replace(springs, structure=_pulling(springs, x, density[:count]))
+    if held is None:
+        return springs
+    each = density[count:, None] * across / float(held.stiffness)
+    pulling = dataclasses.replace(held, offset=held.offset + each.reshape(-1, 2, 3).sum(1))
+    return dataclasses.replace(springs, terms=tuple(pulling if term is held else term for term in springs.terms))
+
+
+def _least_squares(pull: sp.csc_array, left: np.ndarray) -> np.ndarray:
+    """The force densities, N/m, that leave least of the forces `left`, N; the smallest where they are not unique."""
     squares = sp.csc_array(pull.T @ pull)
     weight = REDUNDANT * float(squares.diagonal().max(initial=0)) or 1.0
-    solve = spla.splu(sp.csc_matrix(squares + weight * sp.eye_array(count, format="csc"))).solve
-    left = -place.T @ tangent_of(springs)(x).gradient.ravel()
-    density = np.zeros(count)
+    solve = spla.splu(sp.csc_matrix(squares + weight * sp.eye_array(squares.shape[0], format="csc"))).solve
+    density = np.zeros(squares.shape[0])
     for _ in range(CORRECTIONS):
         density = density + solve(pull.T @ (left - pull @ density))
+    return density
+
+
+def _pulling(springs: Scene, x: np.ndarray, density: np.ndarray) -> Structure:
+    """Its structure, whose last struts pull by these force densities more at `x`."""
+    struts, count = springs.structure.struts, len(density)
+    assert struts is not None, "the last of them are these springs"
     with jax.enable_x64(True):
         rest = np.array(rest_length(struts, springs.gait, 0.0, 0), float)
-    rest[-count:] -= density * edge_lengths(x, edges) / np.asarray(struts.stiffness, float)[-count:]
+    longer = density * edge_lengths(x, struts.edges[-count:]) / np.asarray(struts.stiffness, float)[-count:]
+    rest[-count:] -= longer
     still = dataclasses.replace(struts, rest_length=rest, motors=(), stuck=tuple(range(len(rest))))
-    return dataclasses.replace(springs, structure=dataclasses.replace(springs.structure, struts=still))
+    return dataclasses.replace(springs.structure, struts=still)

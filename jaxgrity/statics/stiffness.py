@@ -22,6 +22,7 @@ from jaxgrity.model.body_points import carrying, independent_nodes
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.model.structure import Structure, member_vectors, onto_nodes
+from jaxgrity.statics.slide_springs import Tangent, about, apart, sum_of_both
 from jaxgrity.statics.spectrum import unpivoted
 
 Fixed = Bool[AnyArray, "nodes 3"]
@@ -46,17 +47,6 @@ def incidence(edges: Edges, nodes: int) -> sp.csr_array:
     return sp.csr_array((np.tile([1.0, -1.0], len(ends)), (rows, ends.ravel())), shape=(len(ends), nodes))
 
 
-class Tangent(NamedTuple):
-    """U about one shape."""
-
-    energy: float
-    """U, J"""
-    gradient: np.ndarray
-    """(nodes, 3), dU/dq, N"""
-    stiffness: Callable[[], sp.csc_array]
-    """gives K = d2U/dq2, N/m, (3 nodes, 3 nodes)"""
-
-
 @typed
 def stiffness_matrix(scene: Scene, q: NodeVectors) -> sp.csc_array:
     """K = d2U/dq2 at `q` and t = 0, N/m, (3 nodes, 3 nodes), from the scene's own potential energy.
@@ -71,6 +61,12 @@ def stiffness_matrix(scene: Scene, q: NodeVectors) -> sp.csc_array:
 
 def tangent_of(scene: Scene) -> Callable[[NodeVectors], Tangent]:
     """U, its gradient and its Hessian at t = 0 as a function of shapes: one compiled program (`stiffness_matrix`)."""
+    others, slides = apart(scene)
+    tangent = _tangent_of(others)
+    return tangent if slides is None else lambda q: sum_of_both(tangent(q), about(slides, q))
+
+
+def _tangent_of(scene: Scene) -> Callable[[NodeVectors], Tangent]:
     cables, nodes = scene.structure.cables, len(scene.structure.nodes)
     with jax.enable_x64(True):
         known = as_dtype(scene, "float64")
@@ -204,7 +200,7 @@ def unresisted_motions(scene: Scene, q: NodeVectors, K: sp.csc_array) -> np.ndar
     rigid = rigid_motions(q, scene.structure.supported)
     hangs = scene.gravity is not None and bool(scene.structure.fixed)
     stands = scene.ground is not None and bool((scene.ground.measured(np.asarray(q)).distance < 0).any())
-    if not (hangs or stands or any(isinstance(term, EnergyTerm) for term in scene.terms)):
+    if not (hangs or stands or any(isinstance(term, EnergyTerm) for term in apart(scene)[0].terms)):
         return rigid
     resistance, turned = np.linalg.eigh(rigid.T @ (K @ rigid))
     return rigid @ turned[:, np.abs(resistance) <= UNRESISTED * abs(K).max()]

@@ -56,8 +56,8 @@ def vibration_modes(scene: Scene, q: NodeVectors | None = None, count: int | Non
     """The modes of K x = (2 pi f)^2 M x about `q`, with K = d2U/dq2 and the consistent mass matrix M.
 
     For many nodes a sparse solver finds only the lowest modes (shift and invert; ARPACK). Rigid motions that nothing
-    resists are taken out beforehand, so that slow or unstable modes show. Rigid struts are stiff springs here: the
-    modes that change their lengths are the highest, and have no meaning. Rigid bodies move and turn alone.
+    resists are taken out beforehand, so that slow or unstable modes show. Rigid struts and slides are stiff springs
+    here: the modes that stretch these are the highest, and have no meaning. Rigid bodies move and turn alone.
 
     Args:
         scene: members, supports and masses, at rest at `q` and t = 0. Damping is left out.

@@ -118,12 +118,20 @@ def solve_nearest_contacts(problem: ContactProblem, start: AnyNodeVectors) -> So
     """`solve_contacts` with `NEAREST` contacts as unknowns, wherever that solves the whole problem too.
 
     The others have no impulses. If one of them would end the step below the ground, or Newton's method fails, all
-    contacts are unknowns.
+    contacts are unknowns. So they are from the first if more of them press at the start.
     """
-    G, b, contact, root_mass, tolerance, enough = problem
     # a condition under `jax.vmap` computes both: only on CPUs are large problems solved one by one
     if start.ndim > 2 or len(start) < 2 * NEAREST or jax.default_backend() != "cpu":
         return solve_contacts(problem, start)
+    few = jnp.sum(start[:, 0] + problem.contact.closing > 0) <= NEAREST
+    unsolved = Solved(start, jnp.full_like(problem.b[0, 0], jnp.inf)), jnp.array(False)
+    found, whole = jax.lax.cond(few, lambda: _nearest_alone(problem, start), lambda: unsolved)
+    return jax.lax.cond(whole, lambda: found, lambda: solve_contacts(problem, start))
+
+
+def _nearest_alone(problem: ContactProblem, start: AnyNodeVectors) -> tuple[Solved, AnyArray]:
+    """The solution with `NEAREST` contacts as unknowns, and whether it is that of the whole problem."""
+    G, b, contact, root_mass, tolerance, enough = problem
     free = (b[:, 0] - contact.closing) / root_mass
     rows = jnp.argsort(jnp.where(start[:, 0] + contact.closing > 0, -jnp.inf, free))[:NEAREST]
     columns = (3 * rows[:, None] + np.arange(3)).ravel()
@@ -134,8 +142,7 @@ def solve_nearest_contacts(problem: ContactProblem, start: AnyNodeVectors) -> So
     without = -b - (answers @ as_impulses(near, found.trial).ravel()).reshape(b.shape)
     trial = jnp.asarray(without).at[rows].set(found.trial)
     pressed = (trial[:, 0] + contact.closing > 0).at[rows].set(False)
-    whole = (found.error <= enough) & ~jnp.any(pressed)
-    return jax.lax.cond(whole, lambda: Solved(trial, found.error), lambda: solve_contacts(problem, start))
+    return Solved(trial, found.error), (found.error <= enough) & ~jnp.any(pressed)
 
 
 def _repeat(whether: AnyArray, times: int, step: Callable, state: "_Splitting") -> "_Splitting":

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
 from jaxgrity import (
@@ -25,12 +26,13 @@ from jaxgrity import (
     as_dtype,
     edge_lengths,
     energy_audit,
+    final_state,
     gaits_of,
     reactions,
     simulate,
     simulate_population,
 )
-from jaxgrity.model import rest_length
+from jaxgrity.model import rest_length, rigid_body
 from jaxgrity.stepping import coupled_contacts, discretise, integrate, resolve
 from jaxgrity.stepping.coupled_contacts import onto_cone
 from jaxgrity.stepping.ground_response import Contact
@@ -407,6 +409,53 @@ def test_contacts_out_of_reach_are_no_unknowns(monkeypatch):
         np.testing.assert_allclose(w, expected, atol=1e-12)
         assert found.error <= problem.tolerance
         assert np.array_equal(w, problem.b) == (gap[0] > 0)
+
+
+def test_where_more_contacts_press_all_are_unknowns_at_once(monkeypatch):
+    """A slab that lies on nine contacts: no solution with eight of them is tried before."""
+    solve, tried = coupled_contacts.solve_contacts, []
+
+    def counted(problem, start):
+        jax.debug.callback(tried.append, jnp.array(len(start)))
+        return solve(problem, start)
+
+    monkeypatch.setattr(coupled_contacts, "solve_contacts", counted)
+    solved = jax.jit(lambda problem: coupled_contacts.solve_nearest_contacts(problem, -problem.b))
+    few = np.where(np.isin(np.arange(18), [0, 2, 6, 8]), 0.0, 0.05)
+    for gap, expected in ((np.zeros(18), [18]), (few, [8])):
+        tried.clear()
+        assert jax.block_until_ready(solved(slab(gap))).error < 1e-12
+        jax.effects_barrier()
+        assert list(map(int, tried)) == expected
+
+
+@pytest.mark.slow
+def test_derivatives_of_a_body_with_many_contacts(central_difference):
+    """Eighteen, of which three feet land one after the other on a slope and slide on: in friction and gravity.
+
+    With a fourth foot the shares of the weight would not be unique, nor would friction, to rounding.
+    """
+    side = np.array([-0.1, 0.0, 0.1])
+    x = np.stack(np.meshgrid(side, side, [0.03, 0.1], indexing="ij"), axis=-1).reshape(-1, 3)
+    x[2 * np.array([0, 2, 7]), 2] = 0
+    x = x @ Rotation.from_rotvec([0.03, 0.55, 0.0]).as_matrix().T
+    x[:, 2] += 0.004 - (x[:, 2] + np.tan(0.5) * x[:, 0]).min()
+    structure = Structure(x, np.zeros(18), bodies=(rigid_body(x, range(18), 1.0, [6e-3, 6e-3, 8e-3]),))
+    scene = Scene(structure, G, ground=ExactGround(incline=0.5), friction=ConeFriction(0.3))
+    assert len(x) >= 2 * coupled_contacts.NEAREST
+    scene, options = as_dtype(scene, "float64"), resolve(scene, 0.2, SolverOptions(dt=5e-3, any_step=True))
+
+    @jax.jit
+    @jax.value_and_grad
+    def end(given):
+        changed = eqx.tree_at(lambda s: (s.friction.mu, s.gravity), scene, (given[0], given[1]))
+        return final_state(changed, 0.2, options)[0][17] @ jnp.array([1.0, 0.5, 0.3])
+
+    at = jnp.array([0.3, G])
+    found = end(at)[1]
+    expected = [central_difference(lambda y, k=k: end(at.at[k].set(y))[0], at[k], 1e-5) for k in range(2)]
+    assert np.abs(expected).min() > 1e-3
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def test_the_nearest_point_of_a_cone():
