@@ -65,7 +65,6 @@ def steep(
     population: int = 128,
     generations: tuple[int, int] = (40, 4),
     watched: float = 300.0,
-    seed: int = 0,
 ) -> Iterator[Record]:
     """A row for each slope: how fast robots that differ climb, and the orbit of the robot as it is said.
 
@@ -77,7 +76,6 @@ def steep(
         population: gaits per generation
         generations: of screening, and on the scene's own model
         watched: s, for the orbit
-        seed: of the searches
     """
     gait, gaits, speeds = load_gait(FIRST[grip]), [], []
     friction = float(grip.split()[1])
@@ -88,7 +86,6 @@ def steep(
             population=population,
             generations=generations,
             from_gait=True,
-            seed=seed,
             space=SearchSpace(waves="none", amplitude=(0.05, 0.7), frequency=(0.2, 2.5), ramp=None),
             evaluation=EvaluationConfig(SteadyDirection(UPHILL, sideways), caution=CAUTION, both_models=False),
             polish=None,
