@@ -16,7 +16,7 @@ from jaxgrity.search.polish import Polished
 from jaxgrity.search.promotion import Agreement, Promoted
 from jaxgrity.trust.sensitivity import Sensitivity
 
-KEPT_VERSION = 1
+KEPT_VERSION = 2
 """Version of the files of these stages. It goes up by 1 with every change of what they hold, or of what that means."""
 SEPARATOR = "."
 """Character between the name of a part and that of its field, in names of arrays."""

@@ -68,12 +68,13 @@ from jaxgrity.structures import prism_tower
 
 
 def concrete(interface: type) -> set[type]:
-    """The classes of the library that implement an interface, but for what a module keeps to itself."""
+    """The classes of the library that implement an interface, but for what a module or statics keeps to itself."""
     found, left = set(), [interface]
     while left:
         kind = left.pop()
         left += kind.__subclasses__()
-        known = kind.__module__.startswith("jaxgrity.") and not kind.__name__.startswith("_")
+        module, name = kind.__module__, kind.__name__
+        known = module.startswith("jaxgrity.") and not module.startswith("jaxgrity.statics.") and name[0] != "_"
         if known and not inspect.isabstract(kind) and not _lacks_attributes(kind):
             found.add(kind)
     return found
