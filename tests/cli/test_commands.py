@@ -465,7 +465,7 @@ def test_a_picture_that_fails_costs_this_picture(monkeypatch, tmp_path, capsys):
     assert [file.name for file in tmp_path.iterdir()] == ["forces.png"]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_replay_comes_before_the_diagnosis(monkeypatch, tmp_path, capsys):
     """So one sees the motion early; a diagnosis that fails costs itself alone, with a line."""
     pytest.importorskip("viser")

@@ -251,7 +251,7 @@ def test_simulate_makes_few_programs(tmp_path):
     assert (tmp_path / "out" / "forces.png").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_frames_that_fill_a_program_are_not_among_the_results():
     """Of motions shorter than the room that programs have for them."""
     audit, growth = energy_audit(swept(), 0.05), sensitivity(swept(), 0.3)

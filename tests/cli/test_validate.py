@@ -86,7 +86,7 @@ def test_parameters_are_fitted_to_one_half_and_tested_on_the_other(recorded, tmp
     assert (tmp_path / "recorded.png").stat().st_size > 5000
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_without_parameters_recordings_are_compared_as_a_whole(recorded, tmp_path, capsys):
     """The scene as it is; quick looks at the first two seconds. A gait of the scene is not needed."""
     validate.main(settings(recorded, tmp_path, quick=True))

@@ -55,7 +55,7 @@ def test_an_open_loop_is_the_gait(scene, rolled):
     assert np.ptp(own.positions[:, 0, 2]) > 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", ["exact", "reference"])
 def test_forces_of_a_closed_loop_are_those_of_its_commands(name, scene, tmp_path):
     """Also from the file that the motion is saved to. Commands are linear between control periods, the gait is not.
@@ -103,7 +103,7 @@ def test_robots_side_by_side_move_as_each_alone(scene, plant, driver):
     assert abs(end.path[-1, :, 0] - end.path[-1, :, 1]).max() > 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_model_takes_over_a_robot_in_motion(scene):
     """With its contractions, its memory and its time: on penalty contact, where no solver carries anything, exactly."""
     twin = jaxgrity.contact_twin(scene)

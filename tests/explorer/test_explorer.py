@@ -64,7 +64,7 @@ def compiled():
     jax.monitoring.unregister_event_duration_listener(listen)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_knobs_where_they_are_change_nothing(exact):
     """The same motion, to rounding, as without the explorer."""
     values = {knob.name: knob.value for knob in knobs(exact)}
@@ -168,7 +168,7 @@ def test_a_slider_compiles_nothing(page, compiled):
     assert not compiled
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_hundred_rapid_moves_end_with_the_last(page):
     """Those that it has no time for are left out, and the last one is what it shows."""
     done = page.rollouts

@@ -400,6 +400,7 @@ def test_it_settles_to_what_mujoco_is_given(exact):
     assert jax.config.jax_enable_x64
 
 
+@pytest.mark.slow
 def test_slides_are_along_the_axes_of_the_world(tmp_path):
     """Those of a body that is turned by a quarter, too."""
     text = (

@@ -51,7 +51,7 @@ LAW = 'stiffness="3" damping="0.2" springref="40"'
 
 
 @pytest.mark.parametrize(
-    "free", [pytest.param(True, marks=pytest.mark.campaign), pytest.param(False, marks=pytest.mark.slow)]
+    "free", [pytest.param(True, marks=pytest.mark.campaign), pytest.param(False, marks=pytest.mark.campaign)]
 )
 def test_hinges_with_springs_move_as_in_mujoco(free, tmp_path):
     """Between free bodies, and to the world: 0.5 s within 1e-6 m. Without the springs they move elsewhere."""

@@ -204,6 +204,7 @@ def test_errors_are_distances_of_the_nodes_that_were_seen():
     assert failed.stays_within(4.0) == 2.0
 
 
+@pytest.mark.slow
 def test_recorded_commands_move_the_robot_as_its_gait_does():
     """In place of it, to the error of straight lines between rows; without either, it stays where it hangs."""
     times, options = np.linspace(0, 0.5, 51), SolverOptions("rk4", dt=5e-3)

@@ -189,7 +189,7 @@ def covers(found) -> np.ndarray:
                      for each, true in zip(found.estimates, (1.12, 1.2))])  # fmt: skip
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_fit_widens_for_noise_that_lasts_and_says_so(swinging):
     """Beside white noise of the same size; noise that hardly changes leaves no interval."""
     rng = np.random.default_rng(6)

@@ -63,7 +63,7 @@ def test_the_gradient_and_the_robots_agree_on_a_small_spread(forecast):
     assert forecast.rolling == 1
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_share_is_what_goes_when_the_parameter_becomes_known(forecast):
     """s'Cs less s'(C without k)s, for the conditional covariance given z_k."""
     s, C = forecast.slopes, CORRELATED

@@ -72,7 +72,7 @@ def test_saved_scenes_keep_strength_and_loads(tmp_path):
     assert jax.tree.all(jax.tree.map(np.array_equal, scene, again))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_motions_ignore_loads_and_strength():
     """The same motion, bit for bit, with them and without."""
     scene = parse_scene(PRISM.replace("fixed = [0, 1, 2]", ""))

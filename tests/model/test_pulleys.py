@@ -177,7 +177,7 @@ def test_a_pulley_that_rolls_along_its_cable_keeps_energy(ground, share):
     assert max(audit.momentum_residual.max(), audit.angular_residual.max()) < 1e-2 * share ** (1 / 3)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_derivative_in_the_radius_is_that_of_differences():
     options = resolve(swing(), 0.2, SolverOptions("rk4", 1e-3, any_step=True))
 

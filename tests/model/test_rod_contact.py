@@ -92,7 +92,7 @@ def test_a_thick_rod_is_as_deep_as_its_surface(count):
     np.testing.assert_allclose(rod_depths(scene, still, 3), 0.01, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_an_exact_twin_starts_on_what_its_rods_touch():
     """Of a rod that lies a centimetre deep across a post, whose ends are in the air."""
     soft = with_contact_along_struts(across(SmoothFriction(0.4, 0.01), surface=Union((Slope(), POST))), 3)
@@ -115,7 +115,7 @@ def test_contact_twins_touch_along_the_same_struts():
     np.testing.assert_array_equal(penalty_twin(exact).terms[0].points.radius, np.full(5, 0.02))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("radius", [0.0, 0.02])
 def test_scene_files_have_it(radius):
     """Read and written, of both contact models; points at other places have no key."""

@@ -137,7 +137,7 @@ def test_a_population_moves_as_each_robot_does():
         np.testing.assert_allclose(many.positions[k], alone.positions[-1], atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_files_and_twins_keep_it(exact):
     """The same pairs and radii on both models, and the same laws from a file."""
     radii = [0.01, 0.02, 0.01, 0.01, 0.01, 0.015]

@@ -63,7 +63,7 @@ def test_the_closed_orbit_is_the_one_that_a_long_rollout_settles_on(crawler, clo
     np.testing.assert_allclose(closed.turning, orbit.turning, atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_closing_an_orbit_solves_no_system_by_threads(reference, crawler):
     """Of 12 nodes, 75 unknowns: each matrix that is inverted is one on which LAPACK works in one thread."""
     orbit, nodes = crawler[1], reference.structure.nodes

@@ -69,6 +69,7 @@ def test_the_ground_carries_rods_with_mass_at_both_ends():
 
 
 @pytest.mark.parametrize("frame_rate", [50.0, 200.0, 130.0, 700.0])
+@pytest.mark.slow
 def test_impacts_and_sliding_of_a_rod_balance_its_momentum(frame_rate):
     """Of frames with several steps between them, with one, with frames between steps, and with several in a step."""
     scene = exact(rod(TILTED, [0.2, 0.3], 1.5))
@@ -178,7 +179,7 @@ def test_a_node_that_rests_has_its_weight_whatever_the_duration(duration):
     np.testing.assert_allclose(jaxgrity.forces_along(scene, motion).ground[1:, 0, 2], G, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_penalty_contact_pushes_on_rigid_struts_as_their_momentum_says():
     """Frames in every step, for which balances hold to one step of the largest force: a tilted rod falls on its end."""
     ground, friction = PenaltyGround(2e3, 1.0), SmoothFriction(0.4, 0.01)

@@ -59,7 +59,7 @@ def test_letters_are_readable_where_a_page_shows_them(figures):
         assert min(sizes) >= 8, name
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_axes_say_what_they_show(figures):
     """Each with a label, and where it is a quantity, its unit."""
     for name in ("path", "members", "forces", "gait", "orbit", "energy"):

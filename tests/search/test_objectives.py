@@ -345,6 +345,7 @@ def test_an_unknown_objective_is_refused():
         find_objective("far")
 
 
+@pytest.mark.slow
 def test_an_objective_of_ones_own_is_found_by_its_name(monkeypatch):
     """Once it is registered, and a name that is taken already is refused."""
 

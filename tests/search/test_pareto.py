@@ -63,6 +63,7 @@ def test_failed_gaits_come_last():
 
 
 @pytest.mark.parametrize("against", ["power", "force", "rate"])
+@pytest.mark.slow
 def test_a_front_says_what_its_gaits_need(problem, fronts, against):
     """Fitness and need ascend together, and are those of the gaits' own rollouts."""
     bounded = problem._replace(fitness=Fitness(bounds=ActuatorBounds(power=50.0, force=80.0, rate=2.0)))

@@ -125,7 +125,7 @@ def test_impossible_programmes_are_refused(diamond):
         least_mass(dataclasses.replace(diamond, structure=strings), BARS, STRINGS)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_sizes_by_gradient_on_the_page():
     """A bracket that may give way by 1 mm: m = 9 density F/(E limit) and areas in the ratio of the root of 2, both to
     the share of its size by which it gives way."""

@@ -49,7 +49,7 @@ def reports(prism):
     return {case.name: load_report(prism, case) for case in prism.loads}
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_page_shows_what_is_printed(reports):
     assert reports["wind"].table() in PAGE
 

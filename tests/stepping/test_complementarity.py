@@ -152,7 +152,7 @@ def test_sweeps_are_newton_steps(few_sweeps):
     assert errors[2] < 1e-10
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_each_strut_is_judged_by_its_own_length(few_sweeps):
     """Where a long strut may be off by some of a millimetre, a far shorter one beside it changes nothing in that."""
     scene, (motion, *_) = few_sweeps

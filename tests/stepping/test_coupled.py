@@ -429,7 +429,7 @@ def test_where_more_contacts_press_all_are_unknowns_at_once(monkeypatch):
         assert list(map(int, tried)) == expected
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_derivatives_of_a_body_with_many_contacts(central_difference):
     """Eighteen, of which three feet land one after the other on a slope and slide on: in friction and gravity.
 
@@ -486,7 +486,7 @@ def test_what_makes_no_sense_is_refused(reference, exact):
 @pytest.mark.parametrize(
     "structure",
     [
-        pytest.param(rods([[0, 0, 0], [0.2, 0, 1.0]], [(0, 1)], [2.0]), marks=pytest.mark.slow),
+        pytest.param(rods([[0, 0, 0], [0.2, 0, 1.0]], [(0, 1)], [2.0]), marks=pytest.mark.campaign),
         pytest.param(
             rods(
                 [[0.0, 0, 0.8], [0.6, 0, 0.6], [1.2, 0.2, 0.3]],

@@ -119,7 +119,7 @@ def sides(ground, count):
     return met, worst
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_no_node_leaves_by_a_side_that_it_did_not_enter():
     """Drops about rims of stairs, straight and across; the campaign has other grounds too."""
     met, worst = sides(GROUNDS["stairs"], 400)

@@ -81,7 +81,7 @@ def through_a_ring() -> tuple[Scene, np.ndarray, np.ndarray]:
     return rod_with_bead(flat @ TURN.T, fixed=((2, "xyz"),)), v @ TURN.T, end @ TURN.T
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("start", [spinning, through_a_ring])
 def test_a_rod_that_turns_slides_out(start):
     """The bead passes the end, at 0.5 m, and the rod leaves the ring. Second order; momenta to rounding."""

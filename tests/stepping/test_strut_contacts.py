@@ -67,7 +67,7 @@ def test_rods_that_meet_head_on_lose_what_a_plastic_impact_loses():
 
 
 @pytest.mark.parametrize(
-    "count", [pytest.param(12, marks=pytest.mark.slow), pytest.param(200, marks=pytest.mark.campaign)]
+    "count", [pytest.param(12, marks=pytest.mark.campaign), pytest.param(200, marks=pytest.mark.campaign)]
 )
 def test_thrown_rods_do_not_enter_each_other(count):
     """By more than 2 mm, and 95 % of those that cross by 0.1 mm: else the point of contact runs along them in a step.

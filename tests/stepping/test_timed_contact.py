@@ -157,7 +157,7 @@ def test_landings_with_friction_add_no_energy():
     assert np.median(timed) < -0.01
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_derivatives_are_those_of_the_step():
     scene, (q, v) = rod(), starts(1, 0.2, 0.5)[0]
     options = resolve(scene, 0.1, SolverOptions(method="complementarity2", dt=5e-3))

@@ -60,7 +60,7 @@ def test_points_that_follow_a_body_are_not_disturbed():
     np.testing.assert_allclose(found.norm, found.times * np.linalg.norm(shares), rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_random_directions_estimate_the_norm(monkeypatch):
     """Of a body that lands, where each step solves for all impulses at once: thousands of them are as good as all
     derivatives, and what is estimated says so."""
