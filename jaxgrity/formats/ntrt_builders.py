@@ -35,8 +35,8 @@ UNUSED = {
     "min_rest_length", "radius", "motor_friction", "motor_inertia", "back_drivable",
     "rollFriction", "hist", "maxTens", "targetVelocity", "minActualLength", "minRestLength",
 }  # fmt: skip
-"""Parameters that move nothing: those of motors, which wait for a controller, and those that NTRT multiplies by 0 of
-its ground. The last six are their names in NTRT's first builder of files."""
+"""Parameters that move nothing. Those of motors wait for a controller, and NTRT multiplies the others by a number of
+its ground that is 0. The last six are names in NTRT's first builder of files."""
 TRUTH = {"true": 1.0, "yes": 1.0, "on": 1.0, "y": 1.0, "false": 0.0, "no": 0.0, "off": 0.0, "n": 0.0}
 """YAML's words, in any case, for true and false."""
 

@@ -53,7 +53,7 @@ def apart(scene: Scene) -> tuple[Scene, SlideSprings | None]:
 
 
 class Tangent(NamedTuple):
-    """U about one shape."""
+    """U about one shape. It is here, since `statics.stiffness` adds these springs to what it computes of members."""
 
     energy: float
     """U, J"""
