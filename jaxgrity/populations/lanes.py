@@ -36,6 +36,12 @@ MANY = 2**16
 docs/scaling.md)."""
 CACHE = 2**20
 """Most bytes that the members' vectors of all robots side by side take: a step uses them over and over (measured)."""
+ROOM = 512
+"""Parts of the time that a program of `parts_with_room` has room for, or a multiple: enough for a minute of a gait."""
+
+Parts = int | tuple[int, Count]
+"""Number of equal parts of the time; or the number that a program has room for, and how many of these are used: then
+paths have rows for all, and the last ones repeat the end."""
 
 
 class LaneOutcomes(NamedTuple):
@@ -68,6 +74,16 @@ def most_lanes(scene: Scene, options: ResolvedOptions) -> int:
     return int(np.clip(2 ** int(np.log2(max(CACHE / bytes_each, 1))), FEWEST, most))
 
 
+def parts_with_room(parts: int, options: ResolvedOptions) -> Parts:
+    """The same parts, of a program that calls with other numbers of parts share, where steps are equal.
+
+    Not on a GPU, which would hand out thousands of paths with all of the room.
+    """
+    if parts == 1 or options.dt is None or options.method.implicit or jax.default_backend() != "cpu":
+        return parts
+    return ROOM * -(-parts // ROOM), np.asarray(parts)
+
+
 @typed
 def roll_out_lanes(
     scene: Scene,
@@ -76,7 +92,7 @@ def roll_out_lanes(
     duration: Scalar,
     options: ResolvedOptions,
     with_metrics: bool | Scalar = False,
-    parts: int | tuple[int, Count] = 1,
+    parts: Parts = 1,
 ) -> LaneOutcomes:
     """The rollouts of one chunk: the arrays of `gaits` and `differences` have lanes last.
 

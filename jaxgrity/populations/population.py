@@ -22,7 +22,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Failures, FinalPositions, Paths, PerGait, Phases, Scalar, Table, Vectors, namespace_of
 from jaxgrity.model.actuation import Gait, Overtone
 from jaxgrity.model.scene import Scene, with_gait
-from jaxgrity.populations.lanes import most_lanes, roll_out_lanes
+from jaxgrity.populations.lanes import Parts, most_lanes, roll_out_lanes
 from jaxgrity.populations.metrics import Metrics
 from jaxgrity.populations.uncertainty import Differences, check_many
 from jaxgrity.stepping.options import KEPT, Options, ResolvedOptions, resolve
@@ -163,13 +163,13 @@ def simulate_population(
     if not isinstance(asked, bool) and not 0 <= float(asked) < float(duration):
         raise InputError(f"with_metrics = {asked}: expected True, False, or a time, s, from 0 to before the end")
     x64 = bool(jax.config.jax_enable_x64)  # type: ignore[attr-defined]
-    common = _common(scene, _at_start(scene, gaits), options, x64)
+    common = _common(scene, at_start(scene, gaits), options, x64)
     measured = asked if isinstance(asked, bool) else np.asarray(asked, float)
     outcomes = roll_out(common.scene, gaits, end, common.inputs, differences, with_metrics=measured, parts=parts)
     return replace(outcomes, dt=common.dt)  # type: ignore[arg-type]
 
 
-def _at_start(scene: Scene, gaits: Gait) -> Gait:
+def at_start(scene: Scene, gaits: Gait) -> Gait:
     """A gait with the first one's rest lengths at t = 0: rigid struts must have them at the start.
 
     It is the first one where gaits may have begun by then. Else nothing moves yet: its numbers are zeros, the same for
@@ -221,7 +221,7 @@ def roll_out(
     differences: Differences | None = None,
     *,
     with_metrics: bool | Scalar = False,
-    parts: int = 1,
+    parts: Parts = 1,
 ) -> Outcomes:
     """`simulate_population` without checks, of a scene with one of the gaits, for other compiled functions."""
     if with_metrics is not False and (options.dt is None or options.method.implicit):
@@ -248,9 +248,9 @@ def roll_out(
 
     def share(rows, scene, common, times, inputs):
         def chunk(rows):
-            end, since = times
-            asked = eqx.combine(inputs, fixed), with_metrics if since is None else since, parts
-            return roll_out_lanes(scene, *eqx.combine(rows, common), end, *asked)
+            end, since, used = times
+            asked = with_metrics if since is None else since, parts if used is None else (parts[0], used.astype(int))
+            return roll_out_lanes(scene, *eqx.combine(rows, common), end, eqx.combine(inputs, fixed), *asked)
 
         # one chunk after the other: each stays in the cache of its core, where all of them would not
         outcomes = jax.lax.map(chunk, jax.tree.map(lambda x: x[0], rows))
@@ -262,7 +262,8 @@ def roll_out(
         specs = split, whole, whole, whole, whole
         share = jax.shard_map(share, mesh=mesh, in_specs=specs, out_specs=split, check_vma=False)
     common = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), common)
-    times = (duration, None if isinstance(with_metrics, bool) else with_metrics)
+    number = parts[1] if isinstance(parts, tuple) else None
+    times = (duration, None if isinstance(with_metrics, bool) else with_metrics, number)
     times = jax.tree.map(lambda t: jnp.asarray(t, options.dtype), times)
     outcomes = share(jax.tree.map(deal, varied), scene, common, times, inputs)
     outcomes = jax.tree.map(collect, outcomes)

@@ -207,11 +207,11 @@ class Genome(eqx.Module):
         xp, groups = namespace_of(each), np.array(self.waves[0].groups)
         return xp.stack([each[..., groups == group].max(-1) for group in range(self.groups)], axis=-1)[..., groups]
 
-    def with_overtones(self, genes: Genes, overtones: int) -> tuple["Genome", Genes]:
-        """The genome with at least so many overtones, and genes that encode the same gaits in it."""
+    def with_overtones(self, genes: Genes, overtones: int, faint: float = FAINT) -> tuple["Genome", Genes]:
+        """The genome with at least so many overtones, and genes that encode the same gaits in it, up to `faint`."""
         parts, n = self.split(genes), self.groups
         wider = dataclasses.replace(self, overtones=max(overtones, self.overtones))
-        nothing = np.full((*np.shape(genes)[:-1], n), 0.5 + FAINT)
+        nothing = np.full((*np.shape(genes)[:-1], n), 0.5 + faint)
         return wider, np.concatenate([parts.get(name, nothing) for name in wider.blocks], axis=-1)
 
     def wrapped(self, genes: Genes) -> Genes:

@@ -1,6 +1,7 @@
 """Fitness of gaits, for every stage of a search: ensembles of perturbed robots, on one contact model or on both."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,9 +15,9 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerGait, Scalar
 from jaxgrity.model.actuation import Gait, actuated_lengths, peak_rates
-from jaxgrity.model.scene import Scene
-from jaxgrity.populations.lanes import most_lanes
-from jaxgrity.populations.population import Outcomes, roll_out
+from jaxgrity.model.scene import Scene, with_gait
+from jaxgrity.populations.lanes import most_lanes, parts_with_room
+from jaxgrity.populations.population import Outcomes, at_start, roll_out
 from jaxgrity.populations.uncertainty import Differences, Uncertainty, differing, ensemble
 from jaxgrity.search.models import RolloutModel
 from jaxgrity.search.objectives import ActuatorBounds, Distance, Objective
@@ -182,22 +183,21 @@ def ensembles_rolled_out(
     The last rollout is repeated to fill a whole number of calls. Every call has `call_size` rollouts, so one compiled
     program serves all stages of a search.
     """
-    (scene, options), count = model, fitness.rollouts
-    dtype, rows = options.dtype, len(gaits.phase) * count
-    gaits, differences = jax.tree.map(lambda x: np.asarray(x, dtype), gaits), None
+    (scene, options), rows = model, len(gaits.phase) * fitness.rollouts
+    gaits, differences = jax.tree.map(lambda x: np.asarray(x, options.dtype), gaits), None
+    common, shared = with_gait(scene, at_start(scene, gaits)), parts_with_room(parts, options)
     if not fitness.uncertainty.none:
-        gaits, differences = ensemble(key, scene, gaits, fitness.uncertainty, count)
+        gaits, differences = ensemble(key, scene, gaits, fitness.uncertainty, fitness.rollouts)
     size, end = call_size(rows, model), np.asarray(duration, float)
-
-    def some(numbers):
-        return jax.tree.map(lambda x: np.asarray(x)[numbers] if np.ndim(x) else x, (gaits, differences))
-
+    row = lambda x, numbers: np.asarray(x)[numbers] if np.ndim(x) else x  # noqa: E731
+    some = lambda numbers: jax.tree.map(lambda x: row(x, numbers), (gaits, differences))  # noqa: E731
     filled = np.minimum(np.arange(-(-rows // size) * size), rows - 1)
     calls = [
-        roll_out(scene, robots, end, options, differ, with_metrics=with_metrics, parts=parts)
+        roll_out(common, robots, end, options, differ, with_metrics=with_metrics, parts=shared)
         for robots, differ in map(some, filled.reshape(-1, size))
     ]
-    return *some(filled), jax.tree.map(lambda *found: np.concatenate(found), *calls)
+    found = jax.tree.map(lambda *found: np.concatenate(found), *calls)
+    return *some(filled), replace(found, com_path=found.com_path[:, : parts + 1])  # the rest repeats the end
 
 
 @eqx.filter_jit

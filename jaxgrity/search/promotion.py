@@ -21,6 +21,7 @@ from jaxgrity.search.judging import Scores, judge
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.problem import SearchProblem
 from jaxgrity.search.search_config import COMPARED, SearchConfig
+from jaxgrity.search.search_space import overtones_to_polish
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import SolverOptions
 from jaxgrity.stepping.step_limits import default_step
@@ -76,35 +77,39 @@ def promote(
     Raises `InputError` where every rollout of the last generation failed. `on_part` gets how many comparisons are done,
     how many there are, and the next: each level, then the finalists, then the orbit of each.
     """
-    genome, wanted = problem.genome, 1 if config.polish is None else config.polish.gaits
-    genes = distinct(evolution.last, genome, COMPARED)
-    if not len(genes):
+    wanted = 1 if config.polish is None else config.polish.gaits
+    evolved = distinct(evolution.last, problem.genome, COMPARED)
+    if not len(evolved):
         raise InputError("every rollout of the last generation failed; expected a scene that can be integrated")
-    chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, genome.size))
-    gaits = genome.gaits(problem.scene.gait, np.concatenate([genes, chance]))
+    chance = np.random.default_rng(config.seed).uniform(size=(COMPARED, problem.genome.size))
+    # the same gaits, with overtones that are 0: so they run through the compiled programs of polished gaits
+    overtones = overtones_to_polish(problem, config.polish)
+    genome, tried_genes = problem.genome.with_overtones(np.concatenate([evolved, chance]), overtones, 0.0)
+    shaped, genes = problem._replace(genome=genome), tried_genes[: len(evolved)].astype(evolved.dtype)
+    gaits = genome.gaits(problem.scene.gait, tried_genes)
     tried, finalists = levels.compared, min(max(FINALISTS, wanted), len(genes))
     watched = config.evaluation.attracting and _have_orbits(problem)
     parts = len(tried) + 1 + (finalists if watched else 0)
     scores: list[Scores] = []
     for level in tried:
         on_part(len(scores), parts, {"level": level.name})
-        scores.append(judge_at(level, gaits, problem, config.seed + 2))
+        scores.append(judge_at(level, gaits, shaped, config.seed + 2))
     on_part(len(tried), parts, {"level": "finalists, by more robots"})
     first, table = len(genes), np.array([np.where(each.excess.any(1), np.nan, each.fitness) for each in scores])
     agreement = Agreement(tried, table, first, rank_correlation(table), rank_correlation(table[:, :first]))
-    excess = excess_at(levels.own, genes, problem, bounds)
+    excess = excess_at(levels.own, genes, shaped, bounds)
     best = np.lexsort((-scores[-1].merit[:first], excess))[:finalists]
-    finals = _finals(problem, levels.decisive, genes[best], config.seed)
+    finals = _finals(shaped, levels.decisive, genes[best], config.seed)
     multipliers = None
     if watched:
         orbits = lambda k: on_part(len(tried) + 1 + k, parts, {"orbit of finalist": str(k + 1)})  # noqa: E731
-        multipliers = multipliers_of(problem, genes[best], 2 * levels.verification.dt, orbits)
+        multipliers = multipliers_of(shaped, genes[best], 2 * levels.verification.dt, orbits)
     on_part(parts, parts, {})
     repels = np.zeros(len(best), bool) if multipliers is None else multipliers >= 1
     order = np.lexsort((-finals.merit, repels, excess[best]))
     best, finals = best[order], Scores(*(np.asarray(part)[order] for part in finals))
     multipliers = None if multipliers is None else multipliers[order]
-    chosen = np.asarray(genes, float)[best[:wanted]]
+    chosen = np.asarray(evolved, float)[best[:wanted]]
     return Promoted(chosen, finals, multipliers, agreement)
 
 

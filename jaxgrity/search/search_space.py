@@ -125,10 +125,15 @@ def genome_to_polish(problem: SearchProblem, genes: Genes, polish: PolishConfig)
     scaled down to the bound on the rate, so that no step leads beyond it, not even in the ramp.
     """
     genome = dataclasses.replace(problem.genome, quickest=_quickest(problem.scene, problem.fitness))
-    assert problem.scene.gait is not None, "`search_problem` refuses a scene without a gait"
-    shaped = not genome.overtones and problem.scene.gait.overtones
-    wider, genes = genome.with_overtones(genes, 0 if shaped or not genome.waves else polish.overtones)
+    wider, genes = genome.with_overtones(genes, overtones_to_polish(problem, polish))
     return wider, np.asarray(genes)
+
+
+def overtones_to_polish(problem: SearchProblem, polish: PolishConfig | None) -> int:
+    """Number of overtones that polishing gives to waves; 0 if none, or if the scene's gait has its own."""
+    assert problem.scene.gait is not None, "`search_problem` refuses a scene without a gait"
+    shaped = not problem.genome.overtones and problem.scene.gait.overtones
+    return 0 if polish is None or shaped or not problem.genome.waves else polish.overtones
 
 
 def _quickest(scene: Scene, fitness: Fitness) -> tuple[float, ...]:

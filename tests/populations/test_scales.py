@@ -32,7 +32,7 @@ from jaxgrity import (
 )
 from jaxgrity.model.scales import length_scale, mass_scale, speed_scale, time_scale
 from jaxgrity.orbits import find_orbit, floquet_multipliers, speed_gradient, stability
-from jaxgrity.populations.population import _at_start
+from jaxgrity.populations.population import at_start
 from jaxgrity.stepping import resolve, step_limit
 
 NUMBER, LENGTH, MASS, TIME = (0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)
@@ -82,7 +82,7 @@ def test_the_gait_is_the_clock_of_robots_without_weight_and_springs():
     gait = Gait((0,), np.zeros(1), np.full(1, 0.4), np.full(1, 3.0))
     scene = Scene(Structure(np.eye(3)[:2] / np.sqrt(2), np.array([2.0, 1.0]), struts), gait=gait)
     others = gaits_of(gait, np.zeros((2, 1)), frequency=np.full((2, 1), 10.0))
-    common = with_gait(scene, _at_start(scene, others))
+    common = with_gait(scene, at_start(scene, others))
     np.testing.assert_allclose([time_scale(common), time_scale(scene)], np.sqrt(9.81) / (2 * np.pi * 3), rtol=1e-12)
 
 

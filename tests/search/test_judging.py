@@ -1,12 +1,25 @@
 """Errors that are said after a "±": redrawn many times, they cover the truth as often as they should."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from jaxgrity import ActuatorBounds
+from jaxgrity import (
+    ActuatorBounds,
+    SolverOptions,
+    SteadySpeed,
+    gaits_of,
+    random_phases,
+    simulate_population,
+    with_gait,
+)
 from jaxgrity.core.display import COVERING, mean_of_robots, with_error
+from jaxgrity.model.actuation import Overtone
 from jaxgrity.populations.metrics import Metrics
-from jaxgrity.search.judging import influences, scored, standard_error
+from jaxgrity.populations.population import roll_out
+from jaxgrity.search.judging import Fitness, ensembles_rolled_out, influences, scored, standard_error
+from jaxgrity.search.models import model_of
 from jaxgrity.search.polish import gain_words
 
 REDRAWS = 1500
@@ -177,3 +190,19 @@ def test_means_over_robots_say_spread_and_error_apart():
 def test_numbers_have_the_digits_that_their_errors_let_them_have(value, error, digits, decimals, told):
     """And errors are at least what rounding takes."""
     assert with_error(value, error, digits=digits, decimals=decimals) == told
+
+
+def test_stages_of_a_search_share_programs(exact):
+    """The number of parts, and the gait that a scene comes with, are inputs; paths are those of these parts alone."""
+    gaits = gaits_of(exact.gait, random_phases(2, actuators=6, seed=0))
+    shaped = replace(exact.gait, overtones=(Overtone(np.full(6, 0.1), np.zeros(6)),))
+    options, made = SolverOptions(dt=0.01, dtype="float32"), roll_out._cached._cache_size()
+    of_parts = {}
+    for scene, parts in ((exact, 4), (with_gait(exact, shaped), 9)):
+        model = model_of(scene, 0.3, options)
+        *_, of_parts[parts] = ensembles_rolled_out(None, model, gaits, 0.3, Fitness(SteadySpeed()), parts, False)
+    assert roll_out._cached._cache_size() == made + 1
+    for parts, found in of_parts.items():
+        alone = simulate_population(exact, gaits, 0.3, options=options, parts=parts)
+        assert found.com_path.shape == (128, parts + 1, 3)
+        np.testing.assert_array_equal(found.com_path[:2], alone.com_path)
