@@ -134,7 +134,10 @@ def known_lines(slides: Slides, q: np.ndarray) -> Lines:
 def check_no_slides(scene: Any, what: str) -> None:
     """Raises `InputError` where nodes slide, which `what` does not know."""
     if (slides := slides_of(scene)) is not None:
-        raise InputError(f"{what}: knows no sliding nodes yet, here {list(slides.nodes)}; expected a scene without")
+        raise InputError(
+            f"{what}: knows no sliding nodes yet, here {list(slides.nodes)}; expected a scene without [[slides]]: let "
+            "their cables end at nodes of the lines instead"
+        )
 
 
 def check_slides(scene: Any) -> None:

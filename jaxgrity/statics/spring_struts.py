@@ -140,5 +140,7 @@ def _pulling(springs: Scene, x: np.ndarray, density: np.ndarray) -> Structure:
         rest = np.array(rest_length(struts, springs.gait, 0.0, 0), float)
     longer = density * edge_lengths(x, struts.edges[-count:]) / np.asarray(struts.stiffness, float)[-count:]
     rest[-count:] -= longer
-    still = dataclasses.replace(struts, rest_length=rest, motors=(), stuck=tuple(range(len(rest))))
+    # without a gait nothing moves them: so they share the compiled programs of `springs`
+    stuck = struts.stuck if springs.gait is None else tuple(range(len(rest)))
+    still = dataclasses.replace(struts, rest_length=rest, motors=(), stuck=stuck)
     return dataclasses.replace(springs.structure, struts=still)

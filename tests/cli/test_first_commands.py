@@ -16,6 +16,7 @@ from measurements.compile_meter import Counter
 from small_scenes import swept
 
 from jaxgrity import (
+    Scene,
     SearchConfig,
     SolverOptions,
     Uncertainty,
@@ -29,6 +30,8 @@ from jaxgrity import (
 from jaxgrity.cli import command_line, main
 from jaxgrity.cli.search import config_of
 from jaxgrity.cli.search_settings import SearchSettings, UncertaintySettings
+from jaxgrity.statics import resting_shape
+from jaxgrity.structures import prism_tower
 
 ROOT = Path(__file__).parents[2]
 HEAVY = {"jax", "scipy", "matplotlib", "diffrax", "equinox", "optax"}
@@ -205,6 +208,13 @@ def test_describing_again_compiles_nothing(compiled, exact):
     assert compiled(lambda: describe(exact)) == 0
     assert compiled(lambda: describe(load_scene("exact"))) == 0
     assert compiled(lambda: describe(softer)) == 0
+
+
+def test_describing_takes_the_program_of_the_resting_shape(compiled):
+    """Natural frequencies of rigid struts too: springs that bear differ from unstrained ones in numbers alone."""
+    tower = prism_tower(15, exact=True)
+    resting_shape(Scene(tower.structure))
+    assert compiled(lambda: describe(tower)) == 0
 
 
 @pytest.mark.campaign
