@@ -37,6 +37,9 @@ Result = TypeVar("Result")
 SAVED, SEEN = 100.0, 50.0
 """Saved frames per second: at all, and of a robot of one metre. A smaller one changes its face sooner."""
 
+WARM = 4
+"""Number of pieces from which on a motion's own pieces say how long it takes: the first compiles."""
+
 LEFT = (
     *("summary.json", "trajectory.npz", "path.png", "members.png", "forces.png"),
     *("replay.html", "animation.gif", "animation.mp4", "outcomes.png"),
@@ -88,24 +91,36 @@ def forget_earlier(folder: Path) -> None:
 
 
 def timed(function: Callable[[OnTime], Result], duration: float, bars: Bars) -> tuple[Result, float, float]:
-    """The result of a second, warm call, its wall time, and the extra time of the first call: compilation."""
+    """The result, the wall time of a warm call, and the extra time of the first call: compilation.
+
+    A long motion, which comes in pieces, is made once: all pieces but the first and the last are warm. Others are made
+    twice.
+    """
     seconds: list[float] = []
     for stage in ("rolling out", "timing"):
-        heard = lambda done, total, stage=stage: bars.show(stage, float(f"{done:.4g}"), total)  # noqa: E731
-        heard(0.0, duration)
+        pieces: list[tuple[float, float]] = []
+
+        def heard(done: float, total: float, stage: str = stage, pieces: list = pieces) -> None:
+            pieces.append((done, time.perf_counter()))
+            bars.show(stage, float(f"{done:.4g}"), total)
+
+        bars.show(stage, 0.0, duration)
         start = time.perf_counter()
         result = jax.block_until_ready(function(heard))
         seconds.append(time.perf_counter() - start)
-        heard(duration, duration)
+        bars.show(stage, duration, duration)
+        if len(pieces) > WARM:
+            (begun, since), (done, until) = pieces[1], pieces[-2]
+            seconds.append((until - since) * duration / (done - begun))
+            break
     return result, seconds[1], max(0.0, seconds[0] - seconds[1])
 
 
-def diagnosed(scene: Scene, duration: float, options: SolverOptions) -> TrustReport:
-    """`diagnose`, with a progress bar."""
+def diagnosed(scene: Scene, duration: float, options: SolverOptions, **known: Any) -> TrustReport:
+    """`diagnose`, with a progress bar; `known` goes to it."""
     with Bars() as bars:
-        return diagnose(
-            scene, duration, options=options, on_progress=lambda done, total: bars.show("diagnosing", done, total)
-        )
+        heard = lambda done, total: bars.show("diagnosing", done, total)  # noqa: E731
+        return diagnose(scene, duration, options=options, on_progress=heard, **known)
 
 
 def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[str, Any]:
@@ -115,6 +130,7 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
         rate = frame_rate_of(scene)
         roll = lambda heard: simulate(scene, duration, options=options, frame_rate=rate, on_progress=heard)  # noqa: E731
         trajectory, wall, compilation = timed(roll, duration, bars)
+    known = {"motion": trajectory, "frame_rate": rate}
     forget_earlier(out)
     path = centre_path(scene, trajectory)
     distance = float(np.hypot(*(path[-1] - path[0])[:2]))
@@ -126,7 +142,9 @@ def single(scene: Scene, duration: float, settings: SimulateSettings) -> dict[st
     leave_replay(scene, trajectory, settings)  # first: it shows the motion while the rest is computed
     with ThreadPoolExecutor(1) as beside:  # compiling leaves a core free to draw
         drawing = beside.submit(leave_pictures, scene, trajectory, settings)
-        trust = plot.drawn("diagnosis", lambda: diagnosed(scene, duration, options)) if settings.diagnose else None
+        trust = (
+            plot.drawn("diagnosis", lambda: diagnosed(scene, duration, options, **known)) if settings.diagnose else None
+        )
         with Bars() as bars:
             bars.show("drawing", 0, None)
             drawing.result()

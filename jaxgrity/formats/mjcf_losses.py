@@ -1,5 +1,6 @@
 """What a MuJoCo model has and a scene has not: named in a note, or refused unless the caller says to drop it."""
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -40,17 +41,30 @@ def name_of(model: Any, kind: str, number: int) -> str:
     return mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), number) or str(number)
 
 
+@contextlib.contextmanager
+def unlogged() -> Iterator[None]:
+    """While MuJoCo's warnings go nowhere: else they are written to a file in the working folder."""
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(None)
+
+
+def check_timestep(model: Any) -> None:
+    """Refuse a step with which MuJoCo moves nothing."""
+    if not model.opt.timestep > 0:
+        raise InputError(f"option: timestep = {model.opt.timestep:g} s; expected a positive number")
+
+
 def watched(data: Any) -> Iterator[Any]:
     """MuJoCo's data after each step of a while, from the start on, in which it moves the robot at constant controls."""
     model, moved = data.model, mujoco.MjData(data.model)
     moved.qpos[:], moved.ctrl[:], moved.act[:] = data.qpos, data.ctrl, data.act
-    mujoco.set_mju_user_warning(lambda _: None)  # of unstable steps; else they are written to a file
-    try:
+    with unlogged():  # steps may be unstable
         for _ in range(min(MOST_WATCHED, round(WATCHED / model.opt.timestep))):
             mujoco.mj_step(model, moved)
             yield moved
-    finally:
-        mujoco.set_mju_user_warning(None)
 
 
 def check_losses(model: Any, data: Any, losses: Losses) -> None:

@@ -18,7 +18,7 @@ from jaxgrity.formats.mjcf_contact import touched_plane
 from jaxgrity.formats.mjcf_drag import drag_of
 from jaxgrity.formats.mjcf_hinges import hinge_laws, with_nodes_of_the_world
 from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, shared_nodes
-from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, gravity_of, name_of
+from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, check_timestep, gravity_of, name_of, unlogged
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
 from jaxgrity.formats.mjcf_tendons import Spring, laws_of, pushing_cable, springs_of, with_others_beside
 from jaxgrity.formats.mjcf_text import mjcf_text, with_element_lines
@@ -78,8 +78,11 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
     text = ""
     try:
         text = mjcf_text(Path(path))
+        with unlogged():
+            model = mujoco.MjModel.from_xml_string(text)
+        check_timestep(model)
         with Losses(drop, DROPPABLE, []) as losses:
-            return _imported(mujoco.MjModel.from_xml_string(text), losses, keyframe)
+            return _imported(model, losses, keyframe)
     except (ValueError, RuntimeError) as error:  # InputError is a ValueError; MuJoCo raises both
         raise InputError(f"{path}: {with_element_lines(' '.join(str(error).split()), text)}") from error
 

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from jaxgrity.core.display import aligned, finite_or, in_digits
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Times
@@ -15,9 +16,9 @@ from jaxgrity.model.actuation import rest_lengths_along
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.clearance import rod_depths
-from jaxgrity.stepping.discretisation import FAILURES
-from jaxgrity.stepping.options import Options, resolve
-from jaxgrity.stepping.simulate import Trajectory, centre_path, simulate, with_room
+from jaxgrity.stepping.discretisation import FAILURES, even_step
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
+from jaxgrity.stepping.simulate import Trajectory, centre_path, frame_times, simulate, with_room
 from jaxgrity.trust.energy_audit import EnergyAudit, energy_audit
 from jaxgrity.trust.error_bars import refinement_bar, timing_bar
 from jaxgrity.trust.sensitivity import Sensitivity, last_within, sensitivity
@@ -145,6 +146,7 @@ def diagnose(
     *,
     options: Options = None,
     frame_rate: float = 100.0,
+    motion: Trajectory | None = None,
     on_progress: Callable[[int, int], object] = lambda done, total: None,
 ) -> TrustReport:
     """Simulate a scene as `simulate` does, and report how far you can trust the result.
@@ -157,13 +159,15 @@ def diagnose(
         duration: simulated time, s.
         options: solver options; by default the scene decides.
         frame_rate: saved frames per second.
+        motion: what `simulate` returned for the same arguments; then it is not simulated again.
         on_progress: called with the number of finished measurements, and their total.
 
     Returns:
         The motion, with error bars, energy audit, sensitivity, penetration and strut strain.
 
     Raises:
-        InputError: bad options (see `resolve`), or a frame rate that is not positive and finite.
+        InputError: bad options (see `resolve`), a frame rate that is not positive and finite, or a `motion` that other
+            arguments made.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")
@@ -175,13 +179,16 @@ def diagnose(
     resolved = resolve(scene, duration, options)
     first, *finer = resolved.refined()
     on_progress(0, MEASUREMENTS)
-    rollouts = [simulate(scene, duration, options=first, frame_rate=frame_rate)]
+    if motion is None:
+        motion = simulate(scene, duration, options=first, frame_rate=frame_rate)
+    else:
+        _check_motion(scene, motion, first, frame_times(duration, frame_rate))
     on_progress(1, MEASUREMENTS)
-    audit = growth = None
+    rollouts, audit, growth = [motion], None, None
     with ThreadPoolExecutor(1) as beside:  # what takes longest is compiled on a core of its own
         slopes = SLOPES / float(time_scale(scene))
         growing = None
-        if not rollouts[0].failed:
+        if not motion.failed:
             growing = beside.submit(_sensitivity_there(), scene, duration, options=resolved, frame_rate=slopes)
         for each in finer:
             exact = resolve(scene, duration, each, dtype="float64")
@@ -193,12 +200,34 @@ def diagnose(
             growth = growing.result()
     paths = [centre_path(scene, rollout) for rollout in rollouts]
     failed = any(rollout.failed for rollout in rollouts)
-    bars = np.full(len(rollouts[0].times), np.inf) if failed else refinement_bar(*paths) + timing_bar(scene, first)
-    depth, strain = _penetration(scene, rollouts[0]), _strut_strain(scene, rollouts[0])
+    bars = np.full(len(motion.times), np.inf) if failed else refinement_bar(*paths) + timing_bar(scene, first)
+    depth, strain = _penetration(scene, motion), _strut_strain(scene, motion)
     on_progress(MEASUREMENTS, MEASUREMENTS)
     uneven = scene.ground is not None and scene.ground.surface is not None
-    rods = float(rod_depths(scene, rollouts[0]).max(initial=0)) if uneven else 0.0
-    return TrustReport(rollouts[0], bars, audit, growth, depth, strain, rods)
+    rods = float(rod_depths(scene, motion).max(initial=0)) if uneven else 0.0
+    return TrustReport(motion, bars, audit, growth, depth, strain, rods)
+
+
+def _check_motion(scene: Scene, motion: Trajectory, options: ResolvedOptions, times: np.ndarray) -> None:
+    """Refuse a motion that `simulate` does not make of the scene with these options at these times, s."""
+    dt = None if options.dt is None else float(options.dt)
+    if dt is not None and options.method.constrained:
+        dt = float(even_step(np.asarray(dt), np.asarray(times[-1])))
+    start = np.asarray(scene.structure.nodes, motion.positions.dtype)
+    faults = {
+        "scene": motion.scene is not scene,
+        "method": motion.method != options.method.name,
+        "dt": motion.dt != dt,
+        "dtype": str(motion.positions.dtype) != options.dtype,
+        "times": not np.array_equal(motion.times, times.astype(options.dtype)),
+        "start": not np.array_equal(motion.positions[0], start)
+        or bool(np.any(np.asarray(motion.velocities[0])[np.asarray(scene.structure.free)])),
+    }
+    if wrong := [name for name, differs in faults.items() if differs]:
+        raise InputError(
+            f"motion: it has another {wrong[0]}; expected what `simulate` returns for the same scene, duration, "
+            "options and frame_rate"
+        )
 
 
 def _sensitivity_there() -> Callable[..., Sensitivity]:

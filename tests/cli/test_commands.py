@@ -465,6 +465,24 @@ def test_a_picture_that_fails_costs_this_picture(monkeypatch, tmp_path, capsys):
     assert [file.name for file in tmp_path.iterdir()] == ["forces.png"]
 
 
+@pytest.mark.parametrize(("pieces", "calls"), [(6, 1), (1, 2)])
+def test_a_long_motion_is_made_once(monkeypatch, pieces, calls):
+    """Its pieces say how long it takes: here the first of them compiles for 5 s, and each takes 2 s."""
+    now, made = [0.0], []
+    monkeypatch.setattr(simulate.time, "perf_counter", lambda: now[0])
+
+    def roll(heard):
+        made.append(True)
+        for done in range(pieces):
+            heard(float(done), float(pieces))
+            now[0] += 2.0 + 5.0 * (now[0] == 0)
+        heard(float(pieces), float(pieces))
+        return made
+
+    _, wall, compilation = simulate.timed(roll, float(pieces), progress.Bars())
+    assert (len(made), wall, compilation) == (calls, 2.0 * pieces, 5.0)
+
+
 @pytest.mark.campaign
 def test_the_replay_comes_before_the_diagnosis(monkeypatch, tmp_path, capsys):
     """So one sees the motion early; a diagnosis that fails costs itself alone, with a line."""

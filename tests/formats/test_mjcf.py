@@ -340,6 +340,8 @@ REFUSED = {
     "a million": ('<mujoco><worldbody><replicate count="1000000"/></worldbody></mujoco>', "line 1: <replicate> makes"),
     "deep": ("<mujoco>" + "<body>" * 60 + "</body>" * 60 + "</mujoco>", "more than 50 levels deep"),
     "unknown": ("<mujoco><wheel/></mujoco>", "Schema violation"),
+    "no step": ('<mujoco><option timestep="0"/></mujoco>', "option: timestep = 0 s; expected a positive number"),
+    "not a number": ('<mujoco><worldbody><geom size="nan"/></worldbody></mujoco>', "nan size in geom"),
     "no tendons": ("<mujoco/>", "has no tendons; expected spatial tendons between sites"),
     "two hinges": (
         '<mujoco><worldbody><site name="w"/>'
@@ -374,8 +376,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize(("text", "reason"), REFUSED.values(), ids=REFUSED)
-def test_refused_in_one_line(text, reason, tmp_path):
-    """With the file."""
+def test_refused_in_one_line(text, reason, tmp_path, monkeypatch):
+    """With the file, and without a log of MuJoCo's in the working folder."""
+    monkeypatch.chdir(tmp_path)
     path = tmp_path / "robot.xml"
     path.write_text(text)
     with pytest.raises(InputError) as caught:
@@ -384,6 +387,7 @@ def test_refused_in_one_line(text, reason, tmp_path):
     assert message.startswith(f"{path}: ")
     assert reason in message
     assert message.isprintable()
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_struts_that_must_be_springs_are_named(exact):

@@ -1,13 +1,15 @@
 """One call that says how far a rollout can be trusted."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from jaxgrity import Members, Scene, SolverOptions, Structure, diagnose, energy_audit, simulate
+from jaxgrity import InputError, Members, Scene, SolverOptions, Structure, diagnose, energy_audit, simulate
 from jaxgrity.io.files import save_json
 from jaxgrity.stepping.dynamics import momentum
+from jaxgrity.trust import trust_report
 from jaxgrity.trust.trust_report import _strut_strain
 
 
@@ -78,6 +80,33 @@ def test_a_rollout_without_a_gait_is_asked_for_its_start(falling):
     expected = np.hypot(1 / 4, 3 / 4) * np.asarray(found.sensitivity.times)
     np.testing.assert_allclose(found.sensitivity.norm, expected, atol=1e-9)
     assert found.sensitivity.times[-1] == pytest.approx(0.3)
+
+
+@pytest.mark.slow
+def test_a_motion_that_was_made_is_not_made_again(falling, monkeypatch):
+    """The report is the same, from rollouts at smaller steps alone; a motion of other arguments is refused."""
+    scene, found = falling
+    options, steps = SolverOptions(dt=1e-3), []
+
+    def counted(*given, options, **how):
+        steps.append(float(options.dt))
+        return simulate(*given, options=options, **how)
+
+    monkeypatch.setattr(trust_report, "simulate", counted)
+    motion = simulate(scene, 0.3, options=options)
+    again = diagnose(scene, 0.3, options=options, motion=motion)
+    assert (again.trajectory is motion, steps) == (True, [5e-4, 2.5e-4])
+    assert again.summary() == found.summary()
+    thrown = simulate(scene, 0.3, options=options, velocities=np.ones((2, 3)))
+    others = {
+        "times": motion,
+        "dt": simulate(scene, 0.2, options=SolverOptions(dt=5e-4)),
+        "scene": replace(motion, scene=None),
+        "start": thrown,
+    }
+    for what, other in others.items():
+        with pytest.raises(InputError, match=f"motion: it has another {what}; expected"):
+            diagnose(scene, 0.3 if other is thrown else 0.2, options=options, motion=other)
 
 
 @pytest.mark.slow
