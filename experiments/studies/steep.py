@@ -1,4 +1,4 @@
-"""Gaits for steep slopes: each search begins with the gait found on the slope before, the first with one of the library.
+"""Gaits for steep slopes: each search begins with the gait found on the slope before, the first one with `uphill`.
 
 Random gaits slide down steep slopes, so searches that begin with them end at gaits that stand still. What counts is the
 displacement straight uphill, on robots that differ. Gaits are chosen on exact contact, and judged on both contact
@@ -7,8 +7,6 @@ models. Displacement across may count against a gait.
 
 import re
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import Literal, NamedTuple
 
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
@@ -38,24 +36,6 @@ CLIMBS = 0.05
 """Speed uphill from which on a robot counts as climbing, body lengths/s."""
 
 
-class Grip(NamedTuple):
-    """How well robots grip, and what is searched then."""
-
-    friction: float
-    """coefficient of friction"""
-    gait: str
-    """gait of the library that the first search begins with"""
-    slopes: tuple[float, ...]
-    """degrees, in the order of the searches"""
-
-
-GRIPS = {
-    "friction 0.8": Grip(0.8, "uphill", (17.5, 20.0, 21.0, 22.0, 23.0, 24.0, 25.0)),
-    "friction 1": Grip(1.0, "steep", (25.0, 27.5, 30.0)),
-}
-"""By name: 0.8 is the friction of the scene `uphill`, 1 that of rubber on rough ground."""
-
-
 @measurement(
     page="gait_records.md",
     raw=("gaits",),
@@ -63,34 +43,34 @@ GRIPS = {
     quick={"slopes": (15.0,), "duration": 12.0, "population": 8, "generations": (1, 1), "watched": 60.0},
 )
 def steep(
-    grip: Literal["friction 0.8", "friction 1"],
-    slopes: tuple[float, ...] = (),
+    slopes: tuple[float, ...] = (17.5, 20.0, 21.0, 22.0, 23.0, 24.0, 25.0),
     sideways: float = 0.0,
     duration: float = 60.0,
     population: int = 128,
     generations: tuple[int, int] = (40, 4),
     watched: float = 300.0,
+    seed: int = 0,
 ) -> Iterator[Record]:
     """A row for each slope: how fast robots that differ climb, and the orbit of the robot as it is said.
 
     Args:
-        grip: coefficient of friction
-        slopes: degrees, in the order of the searches; if there are none, those of the friction
+        slopes: degrees, in the order of the searches
         sideways: share of the displacement across that counts against a gait
         duration: of a rollout, s
         population: gaits per generation
         generations: of screening, and on the scene's own model
         watched: s, for the orbit
+        seed: of the searches
     """
-    case = GRIPS[grip]
-    gait, gaits, speeds = load_gait(case.gait), [], []
-    for slope in slopes or case.slopes:
-        scene = on_slope(slope, case.friction)
+    gait, gaits, speeds = load_gait("uphill"), [], []
+    for slope in slopes:
+        scene = on_slope(slope)
         config = SearchConfig(
             duration=duration,
             population=population,
             generations=generations,
             from_gait=True,
+            seed=seed,
             space=SearchSpace(waves="none", amplitude=(0.05, 0.7), frequency=(0.2, 2.5), ramp=None),
             evaluation=EvaluationConfig(SteadyDirection(UPHILL, sideways), caution=CAUTION, both_models=False),
             polish=None,
@@ -111,15 +91,15 @@ def steep(
             "uphill": -float(x) / orbit.body_length,
             "off": float(np.degrees(np.arctan2(abs(y), -x / np.cos(np.radians(slope))))),
         }
-    return {"sideways": sideways, "duration": duration, "friction": case.friction, "gaits": gaits, "speeds": speeds}
+    friction = float(scene.friction.sliding_mu)
+    return {"sideways": sideways, "duration": duration, "friction": friction, "gaits": gaits, "speeds": speeds}
 
 
-def on_slope(slope: float, friction: float) -> Scene:
-    """The scene `uphill` on another slope, degrees, with another friction."""
+def on_slope(slope: float) -> Scene:
+    """The scene `uphill` on another slope, degrees."""
     text, count = re.subn(r"(?m)^incline = [0-9.]+", f"incline = {float(np.radians(slope))!r}", scene_text("uphill"))
     assert count == 1, "the scene file has one incline"
-    scene = parse_scene(text)
-    return replace(scene, friction=replace(scene.friction, mu=friction))
+    return parse_scene(text)
 
 
 @steep.table
