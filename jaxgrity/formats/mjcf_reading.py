@@ -153,7 +153,9 @@ def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:
         if np.any(data.qvel):
             losses.note(f"keyframe {keyframe}: its bodies move there; here they start at rest")
     elif names:
-        losses.note(f"{len(names)} keyframes are not read, and bodies start where they are placed: {some_of(names)}")
+        placed = f"{len(names)} keyframes are not read, and bodies start where they are placed: {some_of(names)}"
+        usual = ", at the controls nearest to 0" if model.nu else ""
+        losses.note(f"{placed}{usual}; --keyframe {names[0]} starts in that one, with its controls")
     mujoco.mj_forward(model, data)
 
 

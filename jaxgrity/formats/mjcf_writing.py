@@ -12,7 +12,7 @@ from jaxgrity.formats.foreign import add_element, has_strength
 from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, joints_between, links_of, safe_step
 from jaxgrity.formats.mjcf_hinges import joint_attributes
 from jaxgrity.formats.mjcf_losses import CONTACT_TIME, contact_spring
-from jaxgrity.formats.mjcf_members import add_members
+from jaxgrity.formats.mjcf_members import add_members, written_limit
 from jaxgrity.formats.mjcf_plan import Plan, plan_of
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.force_laws import CableDampers, DeadBand
@@ -109,7 +109,8 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     notes += _version_needed(root)
     _drag_on_bodies(root, {node: drag[node] for node in sorted(in_bodies) if drag[node]})
     ElementTree.indent(root)
-    others = [term for term in scene.terms if not isinstance(term, WRITTEN)]
+    limit = written_limit(scene)
+    others = [term for term in scene.terms if not isinstance(term, WRITTEN) and term is not limit]
     names = ", ".join(term.name for term in others)
     notes += [f"laws that have no counterpart in MuJoCo are left out: {names}"] if others else []
     notes += ["load cases are left out"] if scene.loads else []

@@ -2,15 +2,18 @@
 
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.tracing import refuse_traced
+from jaxgrity.core.tracing import evaluated, refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerRow
 from jaxgrity.model.laws import EnergyTerm
-from jaxgrity.model.scene import Scene
+from jaxgrity.model.scales import length_scale
+from jaxgrity.model.scene import Scene, with_gait
 from jaxgrity.model.slides import check_no_slides
 from jaxgrity.model.springs import STIFF, as_springs, spring_forces, stiffness_beside
 from jaxgrity.model.structure import Structure, edge_lengths
@@ -27,6 +30,8 @@ ZERO_SINGULAR = 1e-6
 """Singular values of A below this share of the largest count as zero, since shapes at rest are not exact."""
 NOTHING = 1e-6
 """A member carries nothing below this share of the force that stretches the softest member to twice its length."""
+NEAR = 1e-4
+"""Distance from the shape, as a share of the robot's length, within which a law that does not act does no harm."""
 SHOWN = 5
 """Number of frequencies that the report names."""
 
@@ -139,7 +144,8 @@ def inspect_structure(scene: Scene) -> StructureReport:
         The report: `table()` in words, `summary()` in numbers.
 
     Raises:
-        InputError: the structure has no members, or the scene a potential of another kind along them.
+        InputError: the structure has no members, or a potential beside their springs acts in this shape, such as a
+            largest force that is reached.
 
     Example:
         >>> report = jaxgrity.statics.inspect_structure(jaxgrity.load_scene("reference"))
@@ -149,12 +155,6 @@ def inspect_structure(scene: Scene) -> StructureReport:
     structure, loaded = scene.structure, bool(scene.structure.fixed)
     if structure.member_count == 0:
         raise InputError("the structure has no members; expected [struts] or [cables] in a scene file, or both")
-    for term in scene.terms:
-        if isinstance(term, EnergyTerm):
-            raise InputError(
-                f"{term.name}: the report on a structure knows linear springs alone; expected a scene without, or "
-                "`resting_shape` and `vibration_modes`, which know all of U; `jaxgrity simulate` shows how it settles"
-            )
     check_no_slides(scene, "inspect_structure")
     given = np.asarray(structure.nodes, float)
     alone = Scene(structure, gravity=scene.gravity if loaded else None, up=scene.up)
@@ -163,6 +163,7 @@ def inspect_structure(scene: Scene) -> StructureReport:
         shape, stable, at_rest = np.asarray(rest.q), rest.stable, True
     except InputError:
         shape, stable, at_rest = given, False, False
+    _check_linear(scene, shape)
     edges = all_edges(structure)
     springs = with_spring_struts(alone).structure
     forces = _that_count(structure, springs, _forces(structure, springs, shape))
@@ -185,6 +186,24 @@ def inspect_structure(scene: Scene) -> StructureReport:
         frequencies=np.asarray(modes.frequency),
         loose=modes.zero,
     )
+
+
+def _check_linear(scene: Scene, shape: NodeVectors) -> None:
+    """Refuse potentials beside the springs that act in the shape, or near it."""
+    q, size = np.asarray(shape, float), float(length_scale(scene))
+    near = q + NEAR * size * np.random.default_rng(0).standard_normal(q.shape)
+    still = with_gait(scene, None)
+    for term in scene.terms:
+        if not isinstance(term, EnergyTerm):
+            continue
+        with evaluated():
+            force = jax.grad(lambda q, term=term: term.energy(still.configuration(q, 0.0)))
+            acts = any(np.any(np.asarray(force(jnp.asarray(x)))) for x in (q, near))
+        if acts:
+            raise InputError(
+                f"{term.name}: the report on a structure knows linear springs alone; expected a scene without, or "
+                "`resting_shape` and `vibration_modes`, which know all of U; `jaxgrity simulate` shows how it settles"
+            )
 
 
 def _densities(

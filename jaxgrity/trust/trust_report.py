@@ -177,27 +177,14 @@ def diagnose(
     """
     refuse_traced((scene, duration), "diagnose")
     resolved = resolve(scene, duration, options)
-    first, *finer = resolved.refined()
+    first = resolved.refined()[0]
     on_progress(0, MEASUREMENTS)
     if motion is None:
         motion = simulate(scene, duration, options=first, frame_rate=frame_rate)
     else:
         _check_motion(scene, motion, first, frame_times(duration, frame_rate))
     on_progress(1, MEASUREMENTS)
-    rollouts, audit, growth = [motion], None, None
-    with ThreadPoolExecutor(1) as beside:  # what takes longest is compiled on a core of its own
-        slopes = SLOPES / float(time_scale(scene))
-        growing = None
-        if not motion.failed:
-            growing = beside.submit(_sensitivity_there(), scene, duration, options=resolved, frame_rate=slopes)
-        for each in finer:
-            exact = resolve(scene, duration, each, dtype="float64")
-            rollouts.append(simulate(scene, duration, options=exact, frame_rate=frame_rate))
-            on_progress(len(rollouts), MEASUREMENTS)
-        if growing is not None:
-            audit = energy_audit(scene, duration, options=resolved, frame_rate=frame_rate)
-            on_progress(4, MEASUREMENTS)
-            growth = growing.result()
+    rollouts, audit, growth = _measured(scene, duration, resolved, motion, frame_rate, on_progress)
     paths = [centre_path(scene, rollout) for rollout in rollouts]
     failed = any(rollout.failed for rollout in rollouts)
     bars = np.full(len(motion.times), np.inf) if failed else refinement_bar(*paths) + timing_bar(scene, first)
@@ -206,6 +193,32 @@ def diagnose(
     uneven = scene.ground is not None and scene.ground.surface is not None
     rods = float(rod_depths(scene, motion).max(initial=0)) if uneven else 0.0
     return TrustReport(motion, bars, audit, growth, depth, strain, rods)
+
+
+def _measured(
+    scene: Scene,
+    duration: float,
+    options: ResolvedOptions,
+    motion: Trajectory,
+    frame_rate: float,
+    on_progress: Callable[[int, int], object],
+) -> tuple[list[Trajectory], EnergyAudit | None, Sensitivity | None]:
+    """The motion and those at smaller steps; unless it failed, its audit and its sensitivity."""
+    rollouts, audit, growth = [motion], None, None
+    with ThreadPoolExecutor(1) as beside:  # what takes longest is compiled on a core of its own
+        slopes = SLOPES / float(time_scale(scene))
+        growing = None
+        if not motion.failed:
+            growing = beside.submit(_sensitivity_there(), scene, duration, options=options, frame_rate=slopes)
+        for each in options.refined()[1:]:
+            exact = resolve(scene, duration, each, dtype="float64")
+            rollouts.append(simulate(scene, duration, options=exact, frame_rate=frame_rate))
+            on_progress(len(rollouts), MEASUREMENTS)
+        if growing is not None:
+            audit = energy_audit(scene, duration, options=options, frame_rate=frame_rate)
+            on_progress(4, MEASUREMENTS)
+            growth = growing.result()
+    return rollouts, audit, growth
 
 
 def _check_motion(scene: Scene, motion: Trajectory, options: ResolvedOptions, times: np.ndarray) -> None:

@@ -299,7 +299,7 @@ def test_what_has_no_effect_is_a_note(read):
     for said in (
         "actuator 0: lags behind its control there",
         "its force is limited to -900 to 900 N there",
-        "1 keyframes are not read",
+        "bodies start where they are placed: 0, at the controls nearest to 0; --keyframe 0 starts in that one",
         "the damping of tendons acts there while they are slack, too",
     ):
         assert any(said in note for note in notes), said

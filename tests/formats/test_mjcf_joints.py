@@ -168,7 +168,10 @@ def test_a_keyframe_is_a_start(tmp_path):
     text = model(body(), last=key)
     structure = found(tmp_path, text, keyframe="up").scene.structure
     np.testing.assert_allclose(structure.nodes[1], [0.1, -0.05, 3.2], atol=1e-12)
-    assert "1 keyframes are not read, and bodies start where they are placed: up" in found(tmp_path, text).notes
+    said = (
+        "1 keyframes are not read, and bodies start where they are placed: up; --keyframe up starts in that one, with"
+    )
+    assert f"{said} its controls" in found(tmp_path, text).notes
     assert not any("start at rest" in note for note in found(tmp_path, text, keyframe="up").notes)
     moving = text.replace('<key name="up"', '<key name="up" qvel="0 0 1 0 0 0"')
     assert "keyframe up: its bodies move there; here they start at rest" in found(tmp_path, moving, keyframe="up").notes

@@ -10,6 +10,7 @@ from jaxgrity import (
     Gait,
     InputError,
     SolverOptions,
+    force_limit,
     load_scene,
     parse_scene,
     save_scene,
@@ -19,6 +20,7 @@ from jaxgrity import (
     with_terms,
 )
 from jaxgrity.formats import mujoco_model, read_mjcf, save_mjcf
+from jaxgrity.formats.mjcf_members import STRONGEST
 from jaxgrity.model import cable_dampers, dead_band, polynomial_stiffness
 from jaxgrity.model.force_laws import CableDampers, DeadBand
 from jaxgrity.model.stiffening import PolynomialStiffness
@@ -183,7 +185,7 @@ def test_cables_that_a_gait_moves_keep_their_dampers(reference, tmp_path):
         with_gait(reference, gait), dead_band(cables, widths.tolist()), cable_dampers(cables, [*map(float, range(24))])
     )
     written = save_mjcf(given, tmp_path / "robot.xml")
-    assert "1 cables that actuators move do not push beyond their dead bands there" in written.notes
+    assert "1 cables with actuators do not push beyond their dead bands there" in written.notes
     assert "cables are damped there while they are slack, too" in written.notes
     there = mujoco.MjModel.from_xml_string(written.xml)
     assert there.ntendon == 6 + 24 + 22  # the first cable has none, and that of the pushing one is its tendon's
@@ -262,6 +264,26 @@ def test_limits_of_force_of_servos_that_only_pull(tmp_path):
     assert "line 1: actuator" not in str(notes)
     save_scene(scene, tmp_path / "again.toml")
     np.testing.assert_array_equal(load_scene(tmp_path / "again.toml").terms[0].largest, scene.terms[0].largest)
+    # written, it is such a servo again, without a control, whose damper is its tendon's
+    written = save_mjcf(scene, tmp_path / "written.xml", timestep=1e-4)
+    assert not any("left out" in note for note in written.notes)
+    again = read_mjcf(tmp_path / "written.xml").scene
+    np.testing.assert_array_equal(again.terms[0].largest, scene.terms[0].largest)
+    np.testing.assert_allclose(again.structure.cables.rest_length, scene.structure.cables.rest_length)
+    assert largest_error(again, ends(again, SolverOptions(method="dopri8")), written.xml)[0] < 1e-6
+
+
+def test_limits_of_force_of_cables_that_a_gait_moves(reference, tmp_path):
+    """Their controls move the same actuators, and their dampers do not count for the limit."""
+    gait = Gait((6, 7), np.zeros(2), np.full(2, 0.1), np.ones(2))
+    given = with_terms(with_gait(reference, gait), force_limit(reference.structure.cables, [40.0, *[1e12] * 23]))
+    there = mujoco.MjModel.from_xml_string(save_mjcf(given, tmp_path / "robot.xml").xml)
+    assert there.actuator_forcerange[0].tolist() == [-40.0, 0.0]
+    assert there.actuator_forcerange[1].tolist() == [-STRONGEST, 0.0]
+    damping = float(np.asarray(reference.structure.cables.damping)[0])
+    assert there.tendon_damping[there.tendon("cable0").id] == damping > 0
+    assert there.actuator_biasprm[:2, 2].tolist() == [0.0, -damping]
+    assert there.actuator_gainprm[0, 0] > 0
 
 
 def test_a_spring_and_a_servo_on_one_tendon(tmp_path):
@@ -325,7 +347,7 @@ def test_polynomial_springs_pull_as_in_mujoco(tmp_path):
         np.testing.assert_allclose(again.terms[0].cubic, law.cubic, rtol=1e-12)
     driven = with_gait(scene, Gait((0,), np.zeros(1), np.full(1, 0.1), np.ones(1)))
     notes = save_mjcf(driven, tmp_path / "driven.xml").notes
-    assert "1 cables that actuators move, or that push, do not grow stiffer with their stretch there" in notes
+    assert "1 cables with actuators, or that push, do not grow stiffer with their stretch there" in notes
 
 
 @has_polynomials

@@ -207,6 +207,19 @@ def test_scene_files_have_them(text, tmp_path):
         inspect_structure(scene)
 
 
+def test_laws_that_do_not_act_leave_statics_as_they_are(reference):
+    """As of servos whose limits are not reached; of what acts in a shape nearby, the report knows nothing."""
+    cables = reference.structure.cables
+    far = with_terms(reference, force_limit(cables, 1e4), dead_band(cables, 0.2))
+    report = inspect_structure(far)
+    plain = inspect_structure(reference)
+    assert report.table() == plain.table()
+    np.testing.assert_array_equal(report.forces, plain.forces)
+    most = float(report.forces.max())
+    with pytest.raises(InputError, match="largest force of cables: the report"):
+        inspect_structure(with_terms(reference, force_limit(cables, most * (1 + 1e-6))))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
