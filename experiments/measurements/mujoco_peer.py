@@ -5,6 +5,7 @@ MJX, MuJoCo written in JAX, takes the same model. Extra: `mjx`.
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -87,7 +88,8 @@ def with_spring_contact(stiffness: float) -> Callable[[mujoco.MjModel], None]:
 
     At the depth x, a contact of impedance d pushes there with (d/A) (k x/d - a). Here k stands in `solref`, A is the
     acceleration that a unit force gives the body, and a the acceleration without contact. So if d is small and
-    k = K A, the contact is a spring of stiffness K.
+    k = K A, the contact is a spring of stiffness K. Its dimension is 1, since MuJoCo's smallest friction coefficient
+    of 1e-5 shows in a motion of seconds.
     """
 
     def change(model: mujoco.MjModel) -> None:
@@ -96,19 +98,39 @@ def with_spring_contact(stiffness: float) -> Callable[[mujoco.MjModel], None]:
             model.geom_priority[geom] = 2  # above the ground's
             model.geom_solref[geom] = -stiffness * alone, 0.0
             model.geom_solimp[geom] = SOFTEST, SOFTEST, 1e-3, 0.5, 2.0
-            model.geom_friction[geom] = 0.0
+            model.geom_condim[geom] = 1
 
     return change
 
 
+def without_friction(model: mujoco.MjModel) -> None:
+    """A change of a model: what touches slides."""
+    model.geom_condim[:] = 1
+
+
+def without_contact(model: mujoco.MjModel) -> None:
+    """A change of a model: nothing touches."""
+    model.geom_contype[:], model.geom_conaffinity[:] = 0, 0
+
+
 def run_once(
-    scene: Scene, duration: float, dt: float, change: Callable[[mujoco.MjModel], None] | None = None
+    scene: Scene,
+    duration: float,
+    dt: float,
+    change: Callable[[mujoco.MjModel], None] | None = None,
+    file: Path | None = None,
 ) -> tuple[np.ndarray, float]:
     """Where the nodes end by the scene's own gait, (nodes, 3), m, by RK4, and how deep in the ground the deepest is.
 
-    `change` may change the model that is written.
+    `change` may change the model that is written. `file` is a model of the same robot that takes its place. There site
+    `n3` is node 3, and controls change rest lengths, as in what is written.
     """
-    model, steps = build(scene, dt, "RK4"), round(duration / dt)
+    steps = round(duration / dt)
+    if file is None:
+        model = build(scene, dt, "RK4")
+    else:
+        model = mujoco.MjModel.from_xml_path(str(file))
+        model.opt.timestep, model.opt.integrator = dt, mujoco.mjtIntegrator.mjINT_RK4
     if change is not None:
         change(model)
     data = mujoco.MjData(model)
