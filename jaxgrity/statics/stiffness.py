@@ -1,7 +1,6 @@
 """Sparse matrices of a scene at one shape: tangent stiffness d2U/dq2, from its own U, and consistent mass."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,14 +13,14 @@ from scipy.sparse.csgraph import connected_components
 
 from jaxgrity.core.arguments import known_ends
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.quick import compiled_quickly
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, Edges, NodeVectors
 from jaxgrity.model.bodies import Bodies
 from jaxgrity.model.body_points import carrying, independent_nodes
 from jaxgrity.model.laws import EnergyTerm
 from jaxgrity.model.scene import Scene, as_dtype
-from jaxgrity.model.structure import Structure, member_vectors, onto_nodes
+from jaxgrity.model.structure import Structure
+from jaxgrity.statics.hessians import block_pattern, hessian_blocks, joining_terms, made_of_blocks, whole_hessian
 from jaxgrity.statics.slide_springs import Tangent, about, apart, sum_of_both
 from jaxgrity.statics.spectrum import unpivoted
 
@@ -31,8 +30,8 @@ UNRESISTED = 1e-11
 """Stiffness of a rigid motion, as a share of the largest, that is an error of the shape and of arithmetic."""
 BENT = 1e-6
 """Singular values below which a displacement leaves bodies rigid: shapes at rest are not exact."""
-SEPARABLE = 1e-6
-"""Largest relative difference between the whole Hessian and one made of blocks."""
+MOST_WHOLE = 300
+"""Most nodes of a structure whose Hessian is computed whole: its cost grows with the square of their number."""
 
 
 def all_edges(structure: Structure) -> Edges:
@@ -51,10 +50,10 @@ def incidence(edges: Edges, nodes: int) -> sp.csr_array:
 def stiffness_matrix(scene: Scene, q: NodeVectors) -> sp.csc_array:
     """K = d2U/dq2 at `q` and t = 0, N/m, (3 nodes, 3 nodes), from the scene's own potential energy.
 
-    U is a sum of functions of one member's d = x_i - x_j and of one node's x. So its Hessian is one 3 x 3 block for
-    each member and each node, and three products with the Hessian give all blocks, whatever the size. Raises
-    `InputError` where a term of U couples nodes in another way; one random product with the whole Hessian shows it.
-    With cables through several nodes the Hessian is computed whole: some hundred nodes at most.
+    Most U are sums of functions of one member's d = x_i - x_j and of one node's x. Then the Hessian is one 3 x 3 block
+    for each member and each node, and three products with the Hessian give all blocks, whatever the size. With cables
+    through several nodes, or terms that join nodes in another way, such as springs of hinges, the Hessian is computed
+    whole. Raises `InputError` where such a term is in a structure of more than `MOST_WHOLE` nodes.
     """
     return tangent_of(scene)(q).stiffness()
 
@@ -70,27 +69,28 @@ def _tangent_of(scene: Scene) -> Callable[[NodeVectors], Tangent]:
     cables, nodes = scene.structure.cables, len(scene.structure.nodes)
     with jax.enable_x64(True):
         known = as_dtype(scene, "float64")
-    if cables is not None and cables.clusters:
+        joining = joining_terms(known)
+    if joining and nodes > MOST_WHOLE:
+        names = ", ".join(joining)
+        raise InputError(f"{names}: joins nodes otherwise than by members; expected at most {MOST_WHOLE} nodes")
+    if joining or (cables is not None and cables.clusters):
 
         def whole(q: NodeVectors) -> Tangent:
             with jax.enable_x64(True):
-                U, slope, K = jax.tree.map(np.asarray, _whole(known, jnp.asarray(q, float)))
+                U, slope, K = jax.tree.map(np.asarray, whole_hessian(known, jnp.asarray(q, float)))
             return Tangent(float(U), slope, lambda: sp.csc_array(K))
 
         return whole
-    pattern, probe = _pattern(scene.structure), np.random.default_rng(0).normal(size=(nodes, 3))
+    pattern, probe = block_pattern(scene.structure), np.random.default_rng(0).normal(size=(nodes, 3))
 
     def parted(q: NodeVectors) -> Tangent:
         with jax.enable_x64(True):
-            U, slope, blocks, product = jax.tree.map(np.asarray, _blocks(known, jnp.asarray(q, float), probe))
+            U, slope, blocks, product = jax.tree.map(np.asarray, hessian_blocks(known, jnp.asarray(q, float), probe))
 
         def stiffness() -> sp.csc_array:
             K = pattern.matrix(blocks)
-            error = np.abs(K @ probe.ravel() - product.ravel()).max()
-            if error > SEPARABLE * max(np.abs(product).max(), np.finfo(float).tiny):
-                raise InputError(
-                    "a term of U joins nodes otherwise than by members; expected terms of single members or nodes"
-                )
+            if not made_of_blocks(K, probe, product):
+                raise InputError("a term of U joins nodes otherwise than by members here, but not in the given shape")
             return K
 
         return Tangent(float(U), slope, stiffness)
@@ -224,64 +224,3 @@ def factor_if_definite(A: sp.csc_array) -> spla.SuperLU | None:
         return None
     pivoted = not np.array_equal(found.perm_r, found.perm_c)
     return None if pivoted or not np.all(found.U.diagonal() > 0) else found
-
-
-class _Pattern(NamedTuple):
-    """Where the entries of a Hessian's blocks are in a sparse matrix: the same for every shape of a structure."""
-
-    place: np.ndarray
-    """(entries,), number of each entry of each block among the matrix's; several entries may have the same"""
-    indices: np.ndarray
-    indptr: np.ndarray
-
-    def matrix(self, blocks: AnyArray) -> sp.csc_array:
-        """The matrix with these blocks (blocks, 3, 3), of members first, then of nodes."""
-        by_member, by_node = np.split(blocks, [len(blocks) - (len(self.indptr) - 1) // 3])
-        entries = np.concatenate([by_member, by_member, -by_member, -by_member, by_node]).ravel()
-        data, size = np.bincount(self.place, entries, len(self.indices)), len(self.indptr) - 1
-        return sp.csc_array((data, self.indices, self.indptr), shape=(size, size))
-
-
-def _pattern(structure: Structure) -> _Pattern:
-    edges = [edge for members in structure.kinds.values() for edge in members.edges]
-    (i, j), each = np.asarray(edges, int).reshape(-1, 2).T, np.arange(len(structure.nodes))
-    rows, columns = np.concatenate([i, j, i, j, each]), np.concatenate([i, j, j, i, each])
-    axes, size = np.indices((3, 3)), 3 * len(each)
-    keys = (3 * columns[:, None, None] + axes[1]) * size + 3 * rows[:, None, None] + axes[0]
-    found, place = np.unique(keys.ravel(), return_inverse=True)
-    return _Pattern(place.ravel(), found % size, np.searchsorted(found, size * np.arange(size + 1)))
-
-
-@compiled_quickly
-def _whole(scene: Scene, q: NodeVectors) -> tuple:
-    U, slope = jax.value_and_grad(scene.potential_energy)(q, 0.0)
-    return U, slope, jax.hessian(scene.potential_energy)(q, 0.0).reshape(q.size, q.size)
-
-
-@compiled_quickly
-def _blocks(scene: Scene, q: NodeVectors, probe: NodeVectors) -> tuple:
-    """U, its gradient, the blocks of its Hessian, of members first, and the Hessian's product with `probe`."""
-    kinds = scene.structure.kinds
-    vectors = member_vectors(q, kinds)
-
-    def energy(x, d):
-        return scene.potential_energy(x, 0.0, d)
-
-    (U, slope), push = jax.linearize(jax.value_and_grad(energy, argnums=(0, 1)), q, vectors)
-    # side by side: unit displacements of all members, then of all nodes, then the probe
-    members, nodes = _side_by_side(member_vectors(probe, kinds), 0), _side_by_side(probe, 3)
-    _, (at_nodes, along) = jax.vmap(push, in_axes=-1, out_axes=-1)(nodes, members)
-    blocks = jnp.concatenate([*(along[kind][..., :3] for kind in kinds), at_nodes[..., 3:6]])
-    changes = [(slope[0], slope[1]), (at_nodes[..., 6], {kind: along[kind][..., 6] for kind in kinds})]
-    whole = [x + (onto_nodes(d, kinds, len(q)) if kinds else 0) for x, d in changes]
-    return U, whole[0], blocks, whole[1]
-
-
-def _side_by_side(probe: AnyArray | dict, first: int) -> AnyArray | dict:
-    """Seven displacements (..., 3, 7): from `first` on the three unit ones, `probe` at the end, 0 elsewhere."""
-
-    def each(x):
-        units = jnp.broadcast_to(jnp.eye(3, dtype=x.dtype), (*x.shape, 3))
-        return jnp.concatenate([*(units if k == first else 0 * units for k in (0, 3)), x[..., None]], axis=-1)
-
-    return jax.tree.map(each, probe)

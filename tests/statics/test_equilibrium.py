@@ -20,10 +20,18 @@ from jaxgrity import (
     edge_lengths,
     force_limit,
     load_scene,
+    parse_scene,
     with_terms,
 )
 from jaxgrity.model import body_moments, rigid_body
-from jaxgrity.statics import equilibrium_near, prestressed, resting_shape, settled, vibration_modes
+from jaxgrity.statics import (
+    equilibrium_near,
+    prestressed,
+    resting_shape,
+    settled,
+    static_response,
+    vibration_modes,
+)
 from jaxgrity.statics.stiffness import factor_if_definite, stiffness_matrix, tangent_of
 from jaxgrity.structures import prism, prism_tower, tower
 
@@ -159,23 +167,70 @@ def test_stiffness_is_the_hessian_of_all_that_acts(reference):
     np.testing.assert_allclose(stiffness_matrix(still, q).toarray(), expected, rtol=1e-10, atol=1e-9)
 
 
-def test_what_joins_nodes_otherwise_is_refused():
-    """A term whose Hessian is not made of blocks would be left out without a word."""
+class Tether(EnergyTerm):
+    """U = K/2 |x_0 - x_2|^2, which no member shows."""
 
-    class Tether(EnergyTerm):
-        """U = |x_0 - x_2|^2, which no member shows."""
+    stiffness: float
+    name = "tether"
 
-        name = "tether"
+    def energy(self, at):
+        return self.stiffness / 2 * jnp.sum((at.q[0] - at.q[2]) ** 2)
 
-        def energy(self, at):
-            return jnp.sum((at.q[0] - at.q[2]) ** 2)
+    def keeps(self, symmetry):
+        return False
 
-        def keeps(self, symmetry):
-            return False
 
-    scene = with_terms(Scene(sprung(prism(3))), Tether())
-    with pytest.raises(InputError, match="joins nodes otherwise than by members"):
-        stiffness_matrix(scene, scene.structure.nodes)
+@pytest.mark.parametrize("stiffness", [2.0, 2e-4])
+def test_what_joins_nodes_otherwise_is_in_the_whole_hessian(stiffness, monkeypatch):
+    """A soft term beside stiff springs too: its share of a product would be rounding. Large structures are refused."""
+    plain = Scene(sprung(prism(3)))
+    stiff = dataclasses.replace(plain.structure.struts, stiffness=np.full(3, 1e6))
+    plain = dataclasses.replace(plain, structure=dataclasses.replace(plain.structure, struts=stiff))
+    scene, q = with_terms(plain, Tether(stiffness)), plain.structure.nodes
+    alone = np.zeros((6, 6))
+    alone[np.ix_([0, 2], [0, 2])] = [[1, -1], [-1, 1]]
+    more = (stiffness_matrix(scene, q) - stiffness_matrix(plain, q)).toarray()
+    np.testing.assert_allclose(more, stiffness * np.kron(alone, np.eye(3)), rtol=1e-5, atol=1e-8)
+    monkeypatch.setattr("jaxgrity.statics.stiffness.MOST_WHOLE", 5)
+    with pytest.raises(InputError, match="tether: joins nodes otherwise than by members; expected at most 5 nodes"):
+        stiffness_matrix(scene, q)
+
+
+HELD_BY_A_HINGE = """
+[structure]
+kind = "custom"
+nodes = [[0, -0.1, 0], [0, 0.1, 0], [0.6, 0, 0], [0.6, 0, 0.1], [0, 0, 1], [0.6, 1, 0]]
+cables = [[2, 5]]
+node_mass = [0, 0, 0, 0, 1, 1]
+fixed = [0, 1, 4, 5]
+[cables]
+stiffness = 100.0
+rest_length = 0.9999
+[[bodies]]
+nodes = [0, 1, 2, 3]
+mass = 2.0
+inertia = [0.02, 0.05, 0.05]
+centre = [0.3, 0.0, 0.0]
+[[hinges]]
+nodes = [4, 0, 1, 2]
+stiffness = 3.0
+"""
+
+
+def test_the_spring_of_a_hinge_counts_beside_stiff_bodies():
+    """A bar of 0.6 m on two supports: k = 3 N m/rad of the hinge, 0.01 N of a cable across, I = 0.05 + 2 * 0.3^2."""
+    scene = parse_scene(HELD_BY_A_HINGE)
+    held = 3 + 0.01 * 0.6**2
+    (frequency,) = vibration_modes(scene).frequency
+    assert frequency == pytest.approx(np.sqrt(held / 0.23) / 2 / np.pi, rel=1e-5)
+    down = np.zeros((6, 3))
+    down[2, 2] = -1.0
+    found = static_response(scene, scene.structure.nodes, down).displacement[2, 2]
+    assert found == pytest.approx(-(0.6**2) / held, rel=1e-5)
+    rest = resting_shape(scene, loads=down)
+    x, z, length = rest.q[2, 0], rest.q[2, 2], np.linalg.norm(rest.q[2] - rest.q[5])
+    assert rest.stable
+    assert 3 * np.arctan2(-z, x) == pytest.approx(x + 100 * (length - 0.9999) / length * 0.6 * z, rel=1e-6)
 
 
 def test_definite_matrices_are_told_from_others():
