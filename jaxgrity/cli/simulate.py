@@ -94,7 +94,7 @@ def timed(function: Callable[[OnTime], Result], duration: float, bars: Bars) -> 
     """The result, the wall time of a warm call, and the extra time of the first call: compilation.
 
     A long motion, which comes in pieces, is made once: all pieces but the first and the last are warm. Others are made
-    twice.
+    twice, and so is one that failed on the way.
     """
     seconds: list[float] = []
     for stage in ("rolling out", "timing"):
@@ -109,7 +109,7 @@ def timed(function: Callable[[OnTime], Result], duration: float, bars: Bars) -> 
         result = jax.block_until_ready(function(heard))
         seconds.append(time.perf_counter() - start)
         bars.show(stage, duration, duration)
-        if len(pieces) > WARM:
+        if len(pieces) > WARM and not getattr(result, "failed", False):
             (begun, since), (done, until) = pieces[1], pieces[-2]
             seconds.append((until - since) * duration / (done - begun))
             break

@@ -8,12 +8,9 @@ import numpy as np
 from jaxgrity.formats.foreign import Losses, some_of
 from jaxgrity.formats.mjcf_drag import is_drag
 from jaxgrity.formats.mjcf_losses import name_of
+from jaxgrity.formats.mjcf_members import STRONGEST
 
 mujoco: Any = lazy_loader.load("mujoco")
-
-NO_LIMIT = 1e6
-"""Limit of an actuator's force, N, beyond which it counts as none: no cable of a robot reaches it."""
-
 
 LAGS = ("INTEGRATOR", "FILTER", "FILTEREXACT")
 """Kinds of actuators whose activation follows their control."""
@@ -145,7 +142,7 @@ def _spring(model: Any, data: Any, a: int) -> Driven | None:
     rest = float(bias[0] + gain[0] * _input(model, data, a)) / K
     # a tendon pulls where its force is negative
     least, most = model.actuator_forcerange[a].tolist() if model.actuator_forcelimited[a] else (-np.inf, np.inf)
-    largest = -least if most <= 0 and least > -NO_LIMIT else np.inf
+    largest = -least if most <= 0 and least > -STRONGEST else np.inf
     ends = sorted((float(bias[0]) + (float(gain[0]) * u if gain[0] else 0.0)) / K for u in _controls(model, a))
     change = (ends[0] - rest, ends[1] - rest)
     return Driven("cable" if most <= 0 else "strut", K, rest, float(-bias[2]), change, largest)
@@ -177,14 +174,14 @@ def _beside(model: Any, a: int, name: str, losses: Losses) -> None:
 def _limit_beside(model: Any, data: Any, a: int, name: str, losses: Losses) -> None:
     """The limit of the force of an actuator that is a spring."""
     pulls = model.actuator_forcelimited[a] and model.actuator_forcerange[a, 1] <= 0
-    if pulls and model.actuator_biasprm[a, 2] and model.actuator_forcerange[a, 0] > -NO_LIMIT:
+    if pulls and model.actuator_biasprm[a, 2] and model.actuator_forcerange[a, 0] > -STRONGEST:
         losses.note(f"actuator {name}: its damping is a part of the force that is limited there, and beside it here")
     if model.actuator_forcelimited[a] and not pulls:
         low, high = model.actuator_forcerange[a]
         force = float(data.actuator_force[a])
         if force <= low or force >= high > 0:
             losses.lose("limits", f"actuator {name}: its force is limited to the {force:g} N of the start")
-        elif low > -NO_LIMIT or high < NO_LIMIT:
+        elif low > -STRONGEST or high < STRONGEST:
             losses.note(f"actuator {name}: its force is limited to {low:g} to {high:g} N there, and not at all here")
 
 

@@ -13,6 +13,9 @@ from jaxgrity.model.hinges import OFF_AXIS, HingeDampers, HingeSprings, hinge_an
 from jaxgrity.model.laws import Law
 from jaxgrity.model.scene import Scene
 
+WINDING = "MuJoCo counts the turns of a hinge: one wound by more than half a turn has another torque there"
+"""Note on the springs of hinges, which take differences of angles from -pi to pi."""
+
 
 def with_nodes_of_the_world(
     model: Any, x: np.ndarray, carrier: np.ndarray, joints: list[Joint]
@@ -64,6 +67,8 @@ def hinge_laws(
     if not rows:
         return ()
     losses.note(f"{len(rows)} hinges have springs or dampers")
+    if any(K):
+        losses.note(WINDING)
     springs = HingeSprings(tuple(rows), np.array(K), np.array(rest))
     dampers = HingeDampers(tuple(rows), np.array(c))
     return *([springs] if any(K) else []), *([dampers] if any(c) else [])

@@ -16,7 +16,7 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.stiffening import polynomial_terms
 
 STRONGEST = 1e9
-"""Limit of a cable's force in an MJCF file, N: no cable of a robot reaches it."""
+"""Limit of a cable's force in an MJCF file, N, from which on it counts as none: no cable of a robot reaches it."""
 BARE = (0.0, 0.0, 0.0, 0.0, np.inf, 0.0, 0.0)
 """What is beside a strut, as `_beside_cables` has it."""
 

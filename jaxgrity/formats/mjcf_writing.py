@@ -10,7 +10,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.formats.foreign import add_element, has_strength
 from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, joints_between, links_of, safe_step
-from jaxgrity.formats.mjcf_hinges import joint_attributes
+from jaxgrity.formats.mjcf_hinges import WINDING, joint_attributes
 from jaxgrity.formats.mjcf_losses import CONTACT_TIME, contact_spring
 from jaxgrity.formats.mjcf_members import add_members, written_limit
 from jaxgrity.formats.mjcf_plan import Plan, plan_of
@@ -190,6 +190,8 @@ def _bodies(
     hinges = {nodes for term in scene.terms if isinstance(term, HingeSprings | HingeDampers) for nodes in term.nodes}
     if left := sorted(hinges - written):
         notes.append(f"springs and dampers of nodes {left} are on no hinge there, and are left out")
+    if any(isinstance(term, HingeSprings) for term in scene.terms):
+        notes.append(WINDING)
     return notes
 
 

@@ -73,7 +73,18 @@ def check_parameters(scene: Known, parameters: Sequence[Parameter]) -> None:
         check_number(f"{where}: spread", parameter.spread, above=0.0)
         if not eqx.is_inexact_array_like(leaf) or isinstance(leaf, float):
             raise InputError(f"{where}: the scene has no such numbers; expected a path such as structure.node_mass")
+        _check_of_body(where, parameter)
         rows = np.shape(leaf)[0] if np.ndim(leaf) else 0
         check_indices(f"{where}: parts", parameter.parts or (), rows)
         if parameter.name in [other.name for other in parameters[:k]]:
             raise InputError(f"{where}: named twice; expected each parameter once")
+
+
+def _check_of_body(where: str, parameter: Parameter) -> None:
+    """Refuse what would make a rigid body impossible: its numbers belong together."""
+    *of, leaf = parameter.path.split(".")
+    if of[:2] != ["structure", "bodies"] or (
+        leaf == "matrix" and parameter.kind == "factor" and parameter.parts is None
+    ):
+        return
+    raise InputError(f"{where}: would make the body impossible; expected a factor of its whole matrix")

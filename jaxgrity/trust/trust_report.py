@@ -166,8 +166,8 @@ def diagnose(
         The motion, with error bars, energy audit, sensitivity, penetration and strut strain.
 
     Raises:
-        InputError: bad options (see `resolve`), a frame rate that is not positive and finite, or a `motion` that other
-            arguments made.
+        InputError: bad options (see `resolve`), a frame rate that is not positive and finite, or a `motion` of another
+            scene, or with another method, step, precision, start, or other times. Its tolerances are not known.
 
     Example:
         >>> scene = jaxgrity.load_scene("reference")

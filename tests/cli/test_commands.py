@@ -14,6 +14,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, is_dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import docstring_parser
@@ -465,9 +466,10 @@ def test_a_picture_that_fails_costs_this_picture(monkeypatch, tmp_path, capsys):
     assert [file.name for file in tmp_path.iterdir()] == ["forces.png"]
 
 
-@pytest.mark.parametrize(("pieces", "calls"), [(6, 1), (1, 2)])
-def test_a_long_motion_is_made_once(monkeypatch, pieces, calls):
-    """Its pieces say how long it takes: here the first of them compiles for 5 s, and each takes 2 s."""
+@pytest.mark.parametrize(("pieces", "failed", "calls"), [(6, False, 1), (6, True, 2), (1, False, 2)])
+def test_a_long_motion_is_made_once(monkeypatch, pieces, failed, calls):
+    """Its pieces say how long it takes: here the first of them compiles for 5 s, and each takes 2 s. Those of a motion
+    that failed on the way do not."""
     now, made = [0.0], []
     monkeypatch.setattr(simulate.time, "perf_counter", lambda: now[0])
 
@@ -477,7 +479,7 @@ def test_a_long_motion_is_made_once(monkeypatch, pieces, calls):
             heard(float(done), float(pieces))
             now[0] += 2.0 + 5.0 * (now[0] == 0)
         heard(float(pieces), float(pieces))
-        return made
+        return SimpleNamespace(failed=failed)
 
     _, wall, compilation = simulate.timed(roll, float(pieces), progress.Bars())
     assert (len(made), wall, compilation) == (calls, 2.0 * pieces, 5.0)

@@ -252,7 +252,7 @@ def test_limits_of_force_of_servos_that_only_pull(tmp_path):
     text = model(POINT, [("a0 b0", PULLING), ("w a0", ""), ("w b0", ""), ("v a0", PULLING), ("u b0", PULLING)])
     servo = '<position tendon="t{}" kp="{}" ctrlrange="0.2 9" forcerange="-{} 0"/>'
     text = text.replace(
-        "</mujoco>", f"<actuator>{servo.format(1, 80, 150)}{servo.format(2, 70, 2e6)}</actuator></mujoco>"
+        "</mujoco>", f"<actuator>{servo.format(1, 80, 150)}{servo.format(2, 70, 2e9)}</actuator></mujoco>"
     )
     scene, notes = found(tmp_path, text)
     assert scene.terms[0].largest.tolist() == pytest.approx([1e30, 150, 1e30, 1e30, 1e30])

@@ -295,6 +295,20 @@ def test_parameters_are_those_of_single_bodies():
             check_parameters(scene, [Parameter(path, 0.5)])
 
 
+@pytest.mark.parametrize(
+    "parameter",
+    [
+        Parameter("structure.bodies.0.matrix", 0.5, "factor", (0,)),
+        Parameter("structure.bodies.0.matrix", 0.5, "offset"),
+        Parameter("structure.bodies.0.lengths", 0.5),
+    ],
+)
+def test_an_impossible_body_is_no_parameter(parameter):
+    """One row of its matrix alone would make it asymmetric; its lengths are those of its points."""
+    with pytest.raises(InputError, match="would make the body impossible; expected a factor of its whole matrix"):
+        check_parameters(swinging_body(), [parameter])
+
+
 @pytest.mark.campaign
 def test_a_motion_tells_the_inertia_of_a_body():
     """With a known start; a third more than the scene says."""
