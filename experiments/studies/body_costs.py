@@ -157,8 +157,9 @@ def words(record: Record) -> str:
     }
     rows = [row for row in record["rows"] if "step" in row]
     spines = [(row["members"], row["step"]) for row in rows if row["kind"] == "spine"]
-    exponent = np.polyfit(*np.log(spines).T, 1)[0]
-    return f"{columns(rows, cells)}\n| exponent p of the spines, whose steps cost cables^p | | {exponent:.2f} |"
+    exponents = [np.polyfit(*np.log(some).T, 1)[0] for some in (spines, spines[-2:])]
+    fitted = "; ".join(f"{each:.2f}" for each in exponents)
+    return f"{columns(rows, cells)}\n| exponent of spines by cables: of all; of the last two | | {fitted} |"
 
 
 @partial(body_costs.table, part="crowds")

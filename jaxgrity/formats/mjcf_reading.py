@@ -2,6 +2,7 @@
 
 import importlib.util
 import itertools
+import shlex
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -155,7 +156,7 @@ def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:
     elif names:
         placed = f"{len(names)} keyframes are not read, and bodies start where they are placed: {some_of(names)}"
         usual = ", at the controls nearest to 0" if model.nu else ""
-        losses.note(f"{placed}{usual}; --keyframe {names[0]} starts in that one, with its controls")
+        losses.note(f"{placed}{usual}; --keyframe {shlex.quote(names[0])} starts in that one, with its controls")
     mujoco.mj_forward(model, data)
 
 

@@ -348,7 +348,7 @@ def test_end_caps_fly_as_in_mujoco(read):
     text = caps([0.02, 0.01, 0.015])
     scene, notes = read(text)
     assert (len(scene.structure.bodies), scene.structure.struts) == (3, None)
-    assert any("6 balls of 0.03 to 0.03 m touch the plane, and roll" in note for note in notes)
+    assert any("6 balls of 0.03 m touch the plane, and roll" in note for note in notes)
     assert len(scene.ground.balls.nodes) == 6
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.gravity[:] = 0
