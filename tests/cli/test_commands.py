@@ -28,6 +28,7 @@ from jaxgrity import (
     InputError,
     SearchConfig,
     Sensitivity,
+    Uncertainty,
     load_gait,
     load_scene,
     random_phases,
@@ -38,7 +39,14 @@ from jaxgrity import simulate as roll_out
 from jaxgrity.cli import command_line, progress, script, search_settings, simulate
 from jaxgrity.cli import main as command
 from jaxgrity.cli import settings as all_settings
-from jaxgrity.cli.search import changed_words, faster_words, make_quick, replaced_words, standstill_words
+from jaxgrity.cli.search import (
+    certain_words,
+    changed_words,
+    faster_words,
+    make_quick,
+    replaced_words,
+    standstill_words,
+)
 from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.formats import load_trajectory
@@ -389,6 +397,16 @@ def test_a_search_says_before_it_begins_that_its_gaits_are_late():
     assert standstill_words(late, SearchConfig(duration=43.0)) == ""
     for name in ("exact", "reference", "uphill"):
         assert standstill_words(load_scene(name), SearchConfig(duration=8.0)) == "", name
+
+
+def test_a_search_says_that_perturbed_robots_weigh_the_same(exact):
+    """Where only rods and bodies have mass, an uncertain mass of nodes changes nothing."""
+    structure = exact.structure
+    rods = replace(structure.struts, mass=np.ones(6))
+    light = replace(exact, structure=replace(structure, node_mass=0 * structure.node_mass, struts=rods))
+    known = SearchConfig(evaluation=EvaluationConfig(uncertainty=Uncertainty(friction=0.2)))
+    assert certain_words(light, SearchConfig()).startswith("Perturbed robots all weigh the same: ")
+    assert certain_words(light, known) == certain_words(exact, SearchConfig()) == ""
 
 
 def test_a_search_says_how_it_changes_the_gait_to_begin_with():
