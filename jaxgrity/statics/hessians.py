@@ -68,14 +68,16 @@ def joining_terms(scene: Scene) -> list[str]:
     Each is judged by itself: beside the springs that stand for rigid struts, a soft one would not be seen. One random
     product with its Hessian, near the shape as it is given, tells it from one that is made of blocks.
     """
+    terms = [term for term in scene.terms if isinstance(term, EnergyTerm)]
+    if not terms:
+        return []
     draws, nodes = np.random.default_rng(0), np.asarray(scene.structure.nodes, float)
     near = nodes + NEARBY * float(length_scale(scene)) * draws.normal(size=nodes.shape)
     probe, pattern, found = draws.normal(size=nodes.shape), block_pattern(scene.structure), []
-    for term in scene.terms:
-        if isinstance(term, EnergyTerm):
-            _, _, blocks, product = jax.tree.map(np.asarray, _blocks_of_term(term, scene, jnp.asarray(near), probe))
-            if not made_of_blocks(pattern.matrix(blocks), probe, product):
-                found.append(term.name)
+    for term in terms:
+        _, _, blocks, product = jax.tree.map(np.asarray, _blocks_of_term(term, scene, jnp.asarray(near), probe))
+        if not made_of_blocks(pattern.matrix(blocks), probe, product):
+            found.append(term.name)
     return found
 
 

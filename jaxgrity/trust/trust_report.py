@@ -233,8 +233,8 @@ def _check_motion(scene: Scene, motion: Trajectory, options: ResolvedOptions, ti
         "dt": motion.dt != dt,
         "dtype": str(motion.positions.dtype) != options.dtype,
         "times": not np.array_equal(motion.times, times.astype(options.dtype)),
-        "start": not np.array_equal(motion.positions[0], start)
-        or bool(np.any(np.asarray(motion.velocities[0])[np.asarray(scene.structure.free)])),
+        "start": not np.array_equal(np.asarray(motion.positions)[0], start)
+        or bool(np.any(np.asarray(motion.velocities)[0][np.asarray(scene.structure.free)])),
     }
     if wrong := [name for name, differs in faults.items() if differs]:
         raise InputError(
