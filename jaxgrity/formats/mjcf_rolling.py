@@ -48,8 +48,8 @@ def touched_by_balls(
         return GroundFound(None, None, np.zeros(3), **added)
     radius = np.array([ball.radius for ball in found.values()])
     lift = lift_of(n, data.geom_xpos[plane], 0.0, x[list(found)] - radius[:, None] * n, size, losses)
-    size = " to ".join(dict.fromkeys(f"{each:.4g}" for each in (radius.min(), radius.max())))
-    losses.note(f"{len(found)} balls of {size} m touch the plane, and roll on it")
+    sizes = " to ".join(dict.fromkeys(f"{each:.4g}" for each in (radius.min(), radius.max())))
+    losses.note(f"{len(found)} balls of {sizes} m touch the plane, and roll on it")
     losses.note("contact is exact, where MuJoCo's is soft")
     each = np.full(len(x), max(ball.mu for ball in found.values()))
     each[list(found)] = [ball.mu for ball in found.values()]
