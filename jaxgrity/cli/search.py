@@ -93,7 +93,7 @@ def main(settings: SearchSettings) -> None:
         f"the best.\nThe winner is {polished}verified. Compiling takes a minute the first time.\n"
         f"Results go to {settings.out}/. After Ctrl-C, the same command with --resume continues.\n\n"
         f"{replaced_words(settings)}{changed_words(scene, config)}{standstill_words(scene, config)}"
-        f"{certain_words(scene, config)}{faster_words(scene, str(settings.scene))}"
+        f"{equal_mass_words(scene, config)}{faster_words(scene, str(settings.scene))}"
     )
     found: dict[str, str] = {}
     with Bars() as bars:
@@ -142,7 +142,7 @@ def standstill_words(scene: Scene, config: SearchConfig) -> str:
     return f"The objective {late}.\n\n" if late else ""
 
 
-def certain_words(scene: Scene, config: SearchConfig) -> str:
+def equal_mass_words(scene: Scene, config: SearchConfig) -> str:
     """That uncertain masses of nodes change nothing, in words; none where some node has a mass of its own."""
     if not config.evaluation.uncertainty.node_mass or np.any(scene.structure.node_mass):
         return ""

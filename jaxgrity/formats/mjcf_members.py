@@ -82,8 +82,9 @@ def add_members(root: ElementTree.Element, scene: Scene, plan: Plan) -> list[str
 
 
 def _servo(name: str, law: tuple[float, float, float], limit: float, reach: float | None) -> dict[str, Any]:
-    """An actuator that pushes with K (L + u - l) - c l' at control u, m, from the `law` K, N/m, L, m, and c, N s/m.
+    """An actuator that pushes with K (L + u - l) - c l', where l is the length of its tendon and u its control, m.
 
+    The `law` is K, N/m, L, m, and c, N s/m.
     With a `limit`, N, it only pulls, and at most with that. `reach`: largest shortening, m; None: no control moves it.
     """
     K, L, c = law

@@ -82,9 +82,6 @@ def check_parameters(scene: Known, parameters: Sequence[Parameter]) -> None:
 
 def _check_of_body(where: str, parameter: Parameter) -> None:
     """Refuse what would make a rigid body impossible: its numbers belong together."""
-    *of, leaf = parameter.path.split(".")
-    if of[:2] != ["structure", "bodies"] or (
-        leaf == "matrix" and parameter.kind == "factor" and parameter.parts is None
-    ):
-        return
-    raise InputError(f"{where}: would make the body impossible; expected a factor of its whole matrix")
+    whole = parameter.path.endswith(".matrix") and parameter.kind == "factor" and parameter.parts is None
+    if parameter.path.startswith("structure.bodies.") and not whole:
+        raise InputError(f"{where}: would make the body impossible; expected a factor of its whole matrix")

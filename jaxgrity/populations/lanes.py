@@ -40,8 +40,8 @@ ROOM = 512
 """Parts of the time that a program of `parts_with_room` has room for, or a multiple: enough for a minute of a gait."""
 
 Parts = int | tuple[int, Count]
-"""Number of equal parts of the time; or the number that a program has room for, and how many of these are used: then
-paths have rows for all, and the last ones repeat the end."""
+"""Number of equal parts of the time. Or two numbers: of the parts that a program has room for, and of those in use. A
+path then has rows for all of the room. Those of parts not in use repeat the end."""
 
 
 class LaneOutcomes(NamedTuple):

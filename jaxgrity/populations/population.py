@@ -262,6 +262,7 @@ def roll_out(
         specs = split, whole, whole, whole, whole
         share = jax.shard_map(share, mesh=mesh, in_specs=specs, out_specs=split, check_vma=False)
     common = jax.tree.map(lambda x: jnp.asarray(x, options.dtype), common)
+    # an input beside the times, and a float like them until it is used: it is small enough to be exact
     number = parts[1] if isinstance(parts, tuple) else None
     times = (duration, None if isinstance(with_metrics, bool) else with_metrics, number)
     times = jax.tree.map(lambda t: jnp.asarray(t, options.dtype), times)

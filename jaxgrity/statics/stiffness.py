@@ -31,7 +31,7 @@ UNRESISTED = 1e-11
 BENT = 1e-6
 """Singular values below which a displacement leaves bodies rigid: shapes at rest are not exact."""
 MOST_WHOLE = 300
-"""Most nodes of a structure whose Hessian is computed whole: its cost grows with the square of their number."""
+"""Most nodes of a structure with terms that join nodes: the cost of a whole Hessian grows with the square of them."""
 
 
 def all_edges(structure: Structure) -> Edges:

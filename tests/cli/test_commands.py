@@ -40,8 +40,8 @@ from jaxgrity.cli import command_line, progress, script, search_settings, simula
 from jaxgrity.cli import main as command
 from jaxgrity.cli import settings as all_settings
 from jaxgrity.cli.search import (
-    certain_words,
     changed_words,
+    equal_mass_words,
     faster_words,
     make_quick,
     replaced_words,
@@ -405,8 +405,8 @@ def test_a_search_says_that_perturbed_robots_weigh_the_same(exact):
     rods = replace(structure.struts, mass=np.ones(6))
     light = replace(exact, structure=replace(structure, node_mass=0 * structure.node_mass, struts=rods))
     known = SearchConfig(evaluation=EvaluationConfig(uncertainty=Uncertainty(friction=0.2)))
-    assert certain_words(light, SearchConfig()).startswith("Perturbed robots all weigh the same: ")
-    assert certain_words(light, known) == certain_words(exact, SearchConfig()) == ""
+    assert equal_mass_words(light, SearchConfig()).startswith("Perturbed robots all weigh the same: ")
+    assert equal_mass_words(light, known) == equal_mass_words(exact, SearchConfig()) == ""
 
 
 def test_a_search_says_how_it_changes_the_gait_to_begin_with():
