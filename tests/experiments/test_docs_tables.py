@@ -22,7 +22,7 @@ BLOCKS = {
     "docs/conformance.md": 4,
     "docs/control.md": 12,
     "docs/environments.md": 6,
-    "docs/files.md": 1,
+    "docs/files.md": 2,
     "docs/gaits.md": 1,
     "docs/gait_records.md": 20,
     "docs/accuracy.md": 14,
