@@ -81,5 +81,9 @@ def said(words: str) -> str:
 @ntrt_files.table
 def words(record: Record) -> str:
     """How many files are read, and why others are not."""
-    rows = [{"reason": "read", "files": record["read"]}, *record["rows"], {"reason": "all", "files": record["distinct"]}]
+    rows = [
+        {"reason": "read", "files": record["read"]},
+        *record["rows"],
+        {"reason": "all", "files": record["distinct"]},
+    ]
     return columns(rows, {"distinct files": "{reason}", "number": "{files}"})

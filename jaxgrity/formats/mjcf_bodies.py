@@ -111,7 +111,10 @@ def _held(axes: np.ndarray, name: str) -> str:
 def _as_rods(
     moments: tuple[float, np.ndarray, np.ndarray], name: str, own: np.ndarray, x: np.ndarray, notes: list[str]
 ) -> tuple[list[Rod], np.ndarray]:
-    """Thin rods, and point masses, kg, at its `own` nodes, that are as heavy as a free body, and as hard to turn."""
+    """A thin rod, and point masses, kg, at its `own` nodes, as heavy as a free body, and as hard to turn.
+
+    How hard it is to turn about the line through the nodes does not matter to them.
+    """
     total, centre, second = moments
     if len(own) < 2:
         raise InputError(
@@ -119,6 +122,7 @@ def _as_rods(
         )
     edges: Edges = ((int(own[0]), int(own[1])),)
     size = np.ptp(x[own], axis=0).max()
+    second, thick = _on_line(second, x[own[1]] - x[own[0]])
     rows = [_of_rod(x[[n, n]] - centre, size) for n in own] + [_of_rod(x[list(e)] - centre, size) for e in edges]
     wanted = np.r_[1.0, np.zeros(3), (second / total / size**2)[np.triu_indices(3)]]
     columns, shares = np.array(rows).T, np.zeros(len(rows))
@@ -131,15 +135,26 @@ def _as_rods(
             break
         shares = np.zeros(len(rows))
     missed = np.abs(columns @ shares - wanted).max() / np.abs(wanted[4:]).max()
-    if missed > MASS_WITHIN:
+    if max(missed, thick) > MASS_WITHIN:
         raise InputError(
             f"body {name}: point masses and thin rods between its {len(own)} nodes miss its centre of mass or moments "
-            f"of inertia by {missed:.0%}; expected nodes that span it"
+            f"of inertia by {max(missed, thick):.0%}; expected nodes that span it"
         )
     if missed > MASS_NOTED:
         notes.append(f"body {name}: point masses and thin rods miss its moments of inertia by {missed:.1%}")
     rods = [(edge, float(share * total)) for edge, share in zip(edges, shares[len(own) :])]
     return rods, shares[: len(own)] * total
+
+
+def _on_line(second: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, float]:
+    """Second moments of a thin body that is as hard to turn about what is normal to a line; how thick the body is.
+
+    A moment of inertia about a normal is the sum of the second moments along the line and along the other normal.
+    """
+    line = np.outer(along, along) / (along @ along)
+    across = np.eye(3) - line
+    beside = float(np.sum(across * second)) / 2
+    return second + beside * (line - across), beside / max(float(np.sum(line * second)), beside)
 
 
 def inertia_of(model: Any, data: Any, body: int) -> tuple[float, np.ndarray, np.ndarray]:

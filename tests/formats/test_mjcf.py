@@ -259,6 +259,27 @@ def test_what_is_written_is_read(name, tmp_path):
     assert any("the gait is not read" in note for note in notes)
 
 
+def test_thick_rods_are_as_hard_to_turn_over_as_there(tmp_path):
+    """A strut has the moment of inertia about its normals, 3 r^2/l^2 more than that of a thin rod."""
+    cylinder = '<geom type="cylinder" fromto="{x} 0 1 {x} 0.6 1" size="0.03" mass="0.7" contype="0"/>'
+    rod = f"<body><freejoint/>{cylinder}{{sites}}</body>"
+    sites = [f'<site name="a{x}" pos="{x} 0 1"/><site name="b{x}" pos="{x} 0.6 1"/>' for x in (0, 1)]
+    rods = "".join(rod.format(x=x, sites=each) for x, each in enumerate(sites))
+    tendons = "".join(
+        f'<spatial stiffness="9" springlength="0 0.5"><site site="{a}"/><site site="{b}"/></spatial>'
+        for a, b in (("a0", "a1"), ("b0", "b1"), ("a0", "b1"))
+    )
+    path = tmp_path / "robot.xml"
+    path.write_text(f"<mujoco><worldbody>{rods}</worldbody><tendon>{tendons}</tendon></mujoco>")
+    robot = read_mjcf(path).scene.structure
+    x, (rod_mass, *_) = robot.nodes, robot.struts.mass
+    along = x[1] - x[0]
+    inertia = robot.node_mass[:2] @ np.sum((x[:2] - x[:2].mean(0)) ** 2, axis=1) + rod_mass * along @ along / 12
+    assert inertia == pytest.approx(0.7 * (0.6**2 / 12 + 0.03**2 / 4), rel=1e-9)
+    assert robot.node_mass[:2].sum() + rod_mass == pytest.approx(0.7)
+    assert robot.node_mass[0] == pytest.approx(robot.node_mass[1])
+
+
 def test_rods_with_mass_and_supports_are_read(tmp_path):
     """Masses of ends and rods follow from a body's mass and moments; slides along two axes are a support."""
     text = FLYING.format(kind="prism", struts=RODS_WITH_MASS, drag=0.2, prestress=50.0, pose="")
@@ -266,8 +287,8 @@ def test_rods_with_mass_and_supports_are_read(tmp_path):
     save_mjcf(rods, tmp_path / "robot.xml")
     again, _ = read_mjcf(tmp_path / "robot.xml")
     assert again.structure.struts.rigid
-    np.testing.assert_allclose(again.structure.struts.mass, 0.4, rtol=1e-3)
-    np.testing.assert_allclose(again.structure.node_mass, 2 / 6, rtol=1e-3)
+    np.testing.assert_allclose(again.structure.struts.mass, 0.4, rtol=1e-9)
+    np.testing.assert_allclose(again.structure.node_mass, 2 / 6, rtol=1e-9)
     np.testing.assert_allclose(again.node_damping, 0.2)
     held = parse_scene(
         text.replace(RODS_WITH_MASS, SPRINGS).replace("mass = 2.0", 'mass = 2.0\nfixed = [1, {node = 2, axes = "xz"}]')
