@@ -21,7 +21,7 @@ from jaxgrity.formats.mjcf_hinges import hinge_laws, with_nodes_of_the_world
 from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, shared_nodes
 from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, check_timestep, gravity_of, name_of, unlogged
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
-from jaxgrity.formats.mjcf_tendons import Spring, laws_of, pushing_cable, springs_of, with_others_beside
+from jaxgrity.formats.mjcf_tendons import Spring, laws_of, pushing_cable, slack, springs_of, with_others_beside
 from jaxgrity.formats.mjcf_text import mjcf_text, with_element_lines
 from jaxgrity.formats.mjcf_turning import turned_upright
 from jaxgrity.model.scene import Scene
@@ -108,7 +108,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     x, carrier, shared = shared_nodes(x, carrier, joints)
     x, carrier = with_nodes_of_the_world(model, x, carrier, joints)
     if any(is_free(model, body) for body in carrier.tolist()):
-        springs = _as_cables(springs, x, notes)
+        springs = _as_cables(model, data, springs, x, notes)
     springs = [pushing_cable(each, 0.0) if each.kind == "strut" and len(each.path) > 2 else each for each in springs]
     springs = with_others_beside(springs)
     pushing = [spring for spring in springs if spring.kind == "strut"]
@@ -228,17 +228,22 @@ def _refuse_shared_pairs(springs: list[Spring]) -> None:
             seen[pair] = spring.name
 
 
-def _as_cables(springs: list[Spring], x: np.ndarray, notes: list[str]) -> list[Spring]:
-    """Springs both ways beside rigid bodies: cables where they are stretched."""
-    stretched = [
-        spring.kind == "strut" and edge_lengths(x, _segments([spring])).sum() >= spring.rest_length
-        for spring in springs
-    ]
-    if any(stretched):
-        notes.append(
-            f"{sum(stretched)} tendons would push, too, if they went slack; here they are cables, which do not"
-        )
-    return [spring._replace(kind="cable") if pulls else spring for spring, pulls in zip(springs, stretched)]
+def _as_cables(model: Any, data: Any, springs: list[Spring], x: np.ndarray, notes: list[str]) -> list[Spring]:
+    """Springs both ways beside rigid bodies: cables where they are stretched, which push if they do so there."""
+    ways = {spring.name: spring for spring in springs if spring.kind == "strut"}
+    stretched = {
+        name: spring
+        for name, spring in ways.items()
+        if edge_lengths(x, _segments([spring])).sum() >= spring.rest_length
+    }
+    short = slack(model, data, stretched)
+    if taut := stretched.keys() - short:
+        notes.append(f"{len(taut)} tendons would push, too, if they went slack; here they are cables, which do not")
+    cables = {
+        name: pushing_cable(each, 0.0) if name in short else each._replace(kind="cable")
+        for name, each in stretched.items()
+    }
+    return [cables.get(spring.name, spring) for spring in springs]
 
 
 def _members(springs: list[Spring], x: np.ndarray) -> Members | None:
