@@ -162,6 +162,20 @@ def test_bodies_fly_as_in_mujoco(tmp_path):
     check_both_sides(lengths, {2: (0.9, 1.2), 3: (3.0, 3.2)})
 
 
+@pytest.mark.slow
+def test_a_spring_that_goes_slack_beside_bodies_pushes_as_there(tmp_path):
+    """It is stretched at the start, and short soon after."""
+    tendons = [("a0 b0", 'stiffness="90" springlength="0.7" damping="0.3"')]
+    tendons += [(path, PULLING) for path in ("w a1", "v b1", "u a2", "t b2")]
+    text = model(BOX, tendons)
+    scene, notes = found(tmp_path, text)
+    assert any("1 tendons are cables that push when they are short" in note for note in notes)
+    fine, coarse = (ends(scene, SolverOptions(dt=dt)) for dt in (1e-4, 2e-4))
+    error, lengths = largest_error(scene, fine + (fine - coarse) / 3, text)
+    assert lengths[0, 0] > 0.7 > lengths[:, 0].min() + 0.03
+    assert error < 1e-6
+
+
 def test_a_limit_that_is_reached_is_refused_with_what_to_write(tmp_path):
     """A soft stop; one that the robot does not reach is left out with a note."""
     limited = [*TENDONS[:2], ("w b0", 'limited="true" range="0 {}"')]
