@@ -11,7 +11,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges, Supports
 from jaxgrity.formats.mjcf_joints import Shared, outer_joints, own_nodes, points_of
 from jaxgrity.formats.mjcf_losses import name_of
-from jaxgrity.model.bodies import Bodies, Body, rigid_body
+from jaxgrity.model.bodies import Bodies, Body, joined_bodies, rigid_body
 from jaxgrity.model.structure import Members, edge_lengths
 
 mujoco: Any = lazy_loader.load("mujoco")
@@ -29,7 +29,7 @@ def carried(
 ) -> tuple[np.ndarray, Supports, list[Rod], Bodies]:
     """Masses of nodes, supports, rods with their masses, and rigid bodies, of the nodes `at` and their carriers."""
     x, carrier = at
-    mass, rods, rigid = np.zeros(len(x)), [], []
+    mass, rods, solid = np.zeros(len(x)), [], dict[int, np.ndarray]()
     fixed = [(node, "xyz") for node in points_of(shared, 0)]
     for body in sorted({*carrier.tolist(), *(body for each in shared for body in each.bodies)}):
         own = own_nodes(carrier, shared, body) if body else np.flatnonzero(carrier == 0)
@@ -38,12 +38,12 @@ def carried(
         kinds = model.jnt_type[joints]
         if body == 0:
             fixed += [(int(node), "xyz") for node in own]
-        elif own_joints := points_of(shared, body):
+        elif points_of(shared, body):
             if np.any(kinds == mujoco.mjtJoint.mjJNT_SLIDE):
                 raise InputError(f"body {name}: slides, and has a joint with another body; expected a free joint")
-            rigid.append(_as_body(inertia_of(model, data, body), name, own, x, own_joints))
+            solid[body] = own
         elif is_free(model, body) and len(own) > 2:
-            rigid.append(_as_body(inertia_of(model, data, body), name, own, x))
+            solid[body] = own
         elif is_free(model, body):
             found, shares = _as_rods(inertia_of(model, data, body), name, own, x, notes)
             rods += found
@@ -54,7 +54,14 @@ def carried(
             fixed += [(int(own[0]), held)] if held else []
         else:
             raise InputError(f"body {name}: expected a free joint, or slides along axes and a single node")
-    return mass, tuple(fixed), rods, tuple(rigid)
+    numbers = list(solid)
+
+    def made(number: int, joints: Sequence[int], hinges: Edges) -> Body:
+        body = numbers[number]
+        return _as_body(inertia_of(model, data, body), name_of(model, "body", body), solid[body], x, (joints, hinges))
+
+    rigid = joined_bodies([each.tolist() for each in solid.values()], {node for node, _ in fixed}, made)
+    return mass, tuple(fixed), rods, rigid
 
 
 def rigid_bodies(
@@ -91,11 +98,15 @@ def _is_rod(model: Any, data: Any, body: int, at: tuple[np.ndarray, np.ndarray])
 
 
 def _as_body(
-    moments: tuple[float, np.ndarray, np.ndarray], name: str, own: np.ndarray, x: np.ndarray, basic: Sequence[int] = ()
+    moments: tuple[float, np.ndarray, np.ndarray],
+    name: str,
+    own: np.ndarray,
+    x: np.ndarray,
+    joints: tuple[Sequence[int], Edges],
 ) -> Body:
     total, centre, second = moments
     try:
-        return rigid_body(x, own.tolist(), total, np.trace(second) * np.eye(3) - second, centre, basic)
+        return rigid_body(x, own.tolist(), total, np.trace(second) * np.eye(3) - second, centre, *joints)
     except InputError as error:
         raise InputError(f"body {name}: {str(error).removeprefix('rigid_body: ')}") from error
 

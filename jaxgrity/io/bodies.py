@@ -1,14 +1,15 @@
 """The rigid bodies, sliding nodes, and springs and dampers of hinges of a scene file, read and written."""
 
+from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import NodeVectors, Supports
+from jaxgrity.core.types import Edges, NodeVectors, Supports
 from jaxgrity.io.table_types import NotNegative, Number, Pair, Positive, Table
-from jaxgrity.model.bodies import Bodies, Body, body_moments, rigid_body
+from jaxgrity.model.bodies import Bodies, Body, body_moments, joined_bodies, rigid_body
 from jaxgrity.model.hinges import OFF_AXIS, HingeDampers, HingeSprings, hinge_angles
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.slides import Slides, slides_of
@@ -104,15 +105,16 @@ def slides_tables(scene: Scene) -> list[SlideTable]:
 
 
 def build_bodies(tables: list[BodyTable], nodes: np.ndarray, fixed: Supports) -> Bodies:
-    """The bodies, for the file's `nodes`. Nodes of several bodies, and supports, are basic points.
+    """The bodies, for the file's `nodes`. Nodes of several bodies, and supports, are basic points, or pinned.
 
     Raises `InputError` with the number of the table.
     """
-    return tuple(_body(k, tables, nodes, {node for node, _ in fixed}) for k in range(len(tables)))
+    points = [[*dict.fromkeys([*table.basic, *table.nodes])] for table in tables]
+    make = lambda number, basic, hinges: _body(number, tables[number], nodes, basic, hinges)  # noqa: E731
+    return joined_bodies(points, {node for node, _ in fixed}, make)
 
 
-def _body(number: int, tables: list[BodyTable], nodes: np.ndarray, fixed: set[int]) -> Body:
-    table = tables[number]
+def _body(number: int, table: BodyTable, nodes: np.ndarray, joints: Sequence[int], hinges: Edges) -> Body:
     if len(table.inertia) not in (3, 6):
         raise InputError(
             f"bodies[{number}].inertia has {len(table.inertia)} numbers; expected xx, yy, zz, or also xy, xz, yz"
@@ -120,10 +122,9 @@ def _body(number: int, tables: list[BodyTable], nodes: np.ndarray, fixed: set[in
     inertia = np.diag(table.inertia[:3])
     for (i, j), product in zip(PRODUCTS, table.inertia[3:]):
         inertia[i, j] = inertia[j, i] = product
-    elsewhere = fixed | {node for k, other in enumerate(tables) if k != number for node in other.nodes}
-    basic = list(dict.fromkeys([*table.basic, *(node for node in table.nodes if node in elsewhere)]))
+    basic = list(dict.fromkeys([*joints, *table.basic]))
     try:
-        return rigid_body(nodes, table.nodes, table.mass, inertia, table.centre, basic)
+        return rigid_body(nodes, table.nodes, table.mass, inertia, table.centre, basic, hinges)
     except InputError as error:
         raise InputError(f"bodies[{number}]: {str(error).removeprefix('rigid_body: ')}") from error
 

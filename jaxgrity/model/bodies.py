@@ -8,7 +8,7 @@ Jalón 2007, doi:10.1007/s11044-007-9068-0.
 
 import itertools
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,6 +22,8 @@ from jaxgrity.core.types import AnyArray, Edges, NodeVectors, Scalar, Vector, as
 
 FLAT = 1e-9
 """Share of the largest second moment of mass below which a body has no extent along an axis: roundings leave less."""
+FAR = 0.05
+"""Share of a body's size: points nearer to a line or plane through others are no good basic points with these."""
 BESIDE_POINTS = 1e-6
 """Share of a body's size by which points may lie beside the line or the plane in which all its mass lies."""
 
@@ -33,22 +35,30 @@ class Body(eqx.Module):
     """
 
     points: tuple[int, ...] = eqx.field(static=True)
-    """the nodes that are fixed to the body, the basic ones first"""
+    """the nodes that are fixed to the body: the basic ones, the others, and the pinned ones"""
     matrix: AnyArray = eqx.field(converter=as_float)
     """(basic, basic), kg: T = 1/2 sum_ab m_ab v_a·v_b; two basic points, three or four"""
     weights: AnyArray = eqx.field(converter=as_float)
     """(others, basic): x = sum_a w_a x_a of each other point"""
     lengths: AnyArray = eqx.field(converter=as_float)
-    """m, between the basic points, in the order of `edges`"""
+    """m, of `edges`"""
+    pinned: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
+    """nodes that move freely, but for their distances from three points of the body: each with these three"""
 
     def __check_init__(self):
         count = np.shape(self.matrix)[0] if np.ndim(self.matrix) else 0
         if not all(is_count(k, 0) for k in self.points) or len(set(self.points)) < len(self.points):
             raise InputError(f"body.points = {list(self.points)}: expected numbers of nodes, each once")
-        if count not in (2, 3, 4) or len(self.points) < count:
+        pinned = tuple(pin[0] for pin in self.pinned)
+        if count not in (2, 3, 4) or len(self.points) < count + len(pinned):
             raise InputError(f"body.matrix has {count} rows; expected 2, 3 or 4, one for each basic point")
-        pairs = (count * (count - 1) // 2,)
-        shapes = {"matrix": (count, count), "weights": (len(self.points) - count, count), "lengths": pairs}
+        if pinned != self.points[len(self.points) - len(pinned) :] or any(len(pin) != 4 for pin in self.pinned):
+            raise InputError(f"body.pinned = {self.pinned}: expected the last points, each with three others")
+        shapes = {
+            "matrix": (count, count),
+            "weights": (len(self.points) - count - len(pinned), count),
+            "lengths": (len(self.edges),),
+        }
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
                 raise InputError(f"body.{name} has shape {np.shape(getattr(self, name))}; expected {shape}")
@@ -60,13 +70,14 @@ class Body(eqx.Module):
 
     @property
     def carried(self) -> tuple[int, ...]:
-        """The nodes of the other points."""
-        return self.points[np.shape(self.matrix)[0] :]
+        """The nodes that follow the basic points."""
+        return self.points[np.shape(self.matrix)[0] : len(self.points) - len(self.pinned)]
 
     @property
     def edges(self) -> Edges:
-        """The pairs of basic points."""
-        return tuple(itertools.combinations(self.basic, 2))
+        """The pairs of points at constant distances: of basic points, and of pinned ones with three others."""
+        pins = ((node, other) for node, *others in self.pinned for other in others)
+        return (*itertools.combinations(self.basic, 2), *pins)
 
 
 Bodies = tuple[Body, ...]
@@ -80,8 +91,12 @@ def rigid_body(
     inertia: AnyArray | Sequence,
     centre: AnyArray | Sequence[float] | None = None,
     basic: Sequence[int] = (),
+    hinges: Edges = (),
 ) -> Body:
     """A rigid body through some nodes, from its mass, its inertia and its centre of mass.
+
+    Nodes of several bodies are basic points of each. If a body has more than four, or if they lie in a plane, some are
+    *pinned* in its place: basic points of another body, at constant distances from three points of this one.
 
     Args:
         nodes: all nodes of the structure at the start, m.
@@ -91,7 +106,8 @@ def rigid_body(
         inertia: kg m^2 about the centre of mass along x, y and z at the start: (3, 3), or (3,) of principal axes.
             A plate has as much about its normal as about both other axes together, a rod nothing about its line.
         centre: (3,), m, of mass; by default the mean of the points.
-        basic: the points that must be basic: nodes of several bodies (joints), and supports.
+        basic: nodes of several bodies (joints), and supports: the first ones become basic points, if they can.
+        hinges: pairs of these that another body has, too: it holds their distance, so this one need not.
 
     Returns:
         The body, one of `Structure.bodies`. It is the same in any pose; its numbers may be traced but for `nodes`.
@@ -115,10 +131,10 @@ def rigid_body(
         raise InputError(f"rigid_body: points = {list(points)}: expected some, the basic ones too")
     if np.shape(moments) not in ((3,), (3, 3)):
         raise InputError(f"rigid_body: inertia has shape {np.shape(moments)}; expected (3, 3), or (3,)")
-    return _body(x, points, (mass, moments, x[list(points)].mean(0) if middle is None else middle), basic)
+    return _body(x, points, (mass, moments, x[list(points)].mean(0) if middle is None else middle), basic, hinges)
 
 
-def _body(x: np.ndarray, points: tuple, inertia: tuple, basic: tuple) -> Body:
+def _body(x: np.ndarray, points: tuple, inertia: tuple, basic: tuple, hinges: Edges) -> Body:
     """`rigid_body`, of mass, inertia and centre."""
     mass, moments, middle = inertia
     known = not traced(inertia)
@@ -130,7 +146,8 @@ def _body(x: np.ndarray, points: tuple, inertia: tuple, basic: tuple) -> Body:
     if known:
         _check_beside(x, points, middle, axes, size)
     chosen = _spanning(x, points, axes, basic, size)
-    others = tuple(k for k in points if k not in chosen)
+    pinned = _pinned(x, chosen, tuple(k for k in basic if k not in chosen), hinges)
+    others = tuple(k for k in points if k not in chosen and k not in basic)
     # 1 and the place within the line, plane or space in which the mass lies: what a linear function of points takes
     affine = lambda which: xp.concatenate(  # noqa: E731
         [xp.ones((len(which), 1)), (x[list(which)].reshape(-1, 3) - middle) @ axes.T], axis=1
@@ -142,8 +159,10 @@ def _body(x: np.ndarray, points: tuple, inertia: tuple, basic: tuple) -> Body:
             xp.concatenate([xp.zeros((len(axes), 1)), axes @ spread @ axes.T], axis=1),
         ]
     )
-    lengths = [np.linalg.norm(x[i] - x[j]) for i, j in itertools.combinations(chosen, 2)]
-    return Body((*chosen, *others), inverse.T @ whole @ inverse, affine(others) @ inverse, np.array(lengths))
+    pairs = [*itertools.combinations(chosen, 2), *((node, other) for node, *three in pinned for other in three)]
+    lengths = np.linalg.norm(x[[i for i, _ in pairs]] - x[[j for _, j in pairs]], axis=1)
+    nodes = (*chosen, *others, *(node for node, *_ in pinned))
+    return Body(nodes, inverse.T @ whole @ inverse, affine(others) @ inverse, lengths, pinned)
 
 
 @typed
@@ -156,9 +175,31 @@ def body_moments(body: Body, q: NodeVectors) -> tuple[Scalar, Vector, AnyArray]:
     return mass, first / mass, second.trace() * np.eye(3) - second
 
 
+def joined_bodies(
+    points: Sequence[Sequence[int]], fixed: Collection[int], make: Callable[[int, Sequence[int], Edges], Body]
+) -> Bodies:
+    """Bodies with these points, some of them fixed, made by `make(number, basic, hinges)`, as `rigid_body` takes these.
+
+    Those with most joints are made first: what is pinned to them becomes basic in others.
+    """
+    count = Counter(k for own in points for k in own)
+    joints = [[k for k in own if count[k] > 1 or k in fixed] for own in points]
+    pairs = Counter(pair for own in joints for pair in itertools.combinations(sorted(own), 2))
+    hinges = tuple(pair for pair, bodies in pairs.items() if bodies > 1 or set(pair) <= set(fixed))
+    made, pinned = dict[int, Body](), set[int]()
+    for number in sorted(range(len(points)), key=lambda k: -len(joints[k])):
+        own = sorted(joints[number], key=lambda k: k not in pinned)
+        made[number] = make(number, own, tuple(pair for pair in hinges if set(pair) <= set(own)))
+        pinned |= {node for node, *_ in made[number].pinned}
+    return tuple(made[number] for number in range(len(points)))
+
+
 def check_bodies(bodies: Bodies, nodes: int, fixed: Sequence[int]) -> None:
-    """Raises `InputError` for bodies with missing nodes, and for a carried point that is fixed or in another body."""
-    joined = Counter(k for body in bodies for k in body.points)
+    """Raises `InputError` for bodies with missing nodes, and for a carried point that is fixed or in another body.
+
+    A node that is pinned to one body has to be fixed, or a basic point of another.
+    """
+    joined, basic = Counter(k for body in bodies for k in body.points), {k for body in bodies for k in body.basic}
     for number, body in enumerate(bodies):
         if max(body.points) >= nodes:
             raise InputError(f"structure.bodies[{number}] has node {max(body.points)}; expected 0 to {nodes - 1}")
@@ -166,6 +207,11 @@ def check_bodies(bodies: Bodies, nodes: int, fixed: Sequence[int]) -> None:
             raise InputError(
                 f"structure.bodies[{number}]: node {shared[0]} is fixed, or a point of another body too, and follows "
                 f"basic points here; expected rigid_body(..., basic=({shared[0]},))"
+            )
+        if loose := sorted({pin[0] for pin in body.pinned} - basic - set(fixed)):
+            raise InputError(
+                f"structure.bodies[{number}]: node {loose[0]} is pinned, and is a basic point of no other body; "
+                "expected it first in `basic` of another body"
             )
 
 
@@ -195,19 +241,18 @@ def _check_beside(x: np.ndarray, points: tuple, middle: np.ndarray, axes: np.nda
 
 
 def _spanning(x: np.ndarray, points: tuple, axes: np.ndarray, given: tuple, size: float) -> tuple[int, ...]:
-    """The basic points: the `given` ones, then the farthest from the point, line or plane before."""
+    """The basic points: `given` ones that are far from the point, line or plane before, or else the farthest point."""
     chosen: list[int] = []
     left = x[list(points)] @ axes.T
     left = left - left.mean(0)
     for number in range(len(axes) + 1):
         away = np.linalg.norm(left, axis=1)
-        candidates = [points.index(k) for k in given[number : number + 1]] or list(range(len(points)))
-        best = max(candidates, key=lambda k: (away[k], -k))
+        far = [points.index(k) for k in given if k not in chosen and (not chosen or away[points.index(k)] > FAR * size)]
+        best = max(far[:1] or range(len(points)), key=lambda k: (away[k], -k))
         if number and away[best] <= BESIDE_POINTS * size:
             what = {1: "two points on its line", 2: "three points in its plane", 3: "four points not in a plane"}
             raise InputError(
-                f"rigid_body: points {list(points)} do not say where the body is; expected {what[len(axes)]}, as basic "
-                "points too"
+                f"rigid_body: points {list(points)} do not say where the body is; expected {what[len(axes)]}"
             )
         chosen.append(points[best])
         if not number:
@@ -215,6 +260,31 @@ def _spanning(x: np.ndarray, points: tuple, axes: np.ndarray, given: tuple, size
         else:
             axis = left[best] / away[best]
             left = left - np.outer(left @ axis, axis)
-    if set(given) - set(chosen):
-        raise InputError(f"rigid_body: basic = {list(given)}: expected at most {len(axes) + 1} points of this body")
     return tuple(chosen)
+
+
+def _pinned(x: np.ndarray, basic: tuple, nodes: tuple, hinges: Edges) -> tuple[tuple[int, ...], ...]:
+    """Each of these nodes with the three points of the body that hold it best.
+
+    A distance that another body holds, too, is among those: then it counts once, and no constraint follows from others.
+    """
+    if nodes and len(basic) < 4:
+        raise InputError(
+            f"rigid_body: basic = {[*basic, *nodes]}: a body without extent along an axis has at most {len(basic)} "
+            "joints and supports; expected an inertia with extent along all axes"
+        )
+    pins: list[tuple[int, ...]] = []
+    for node in nodes:
+        before = (*basic, *(pin[0] for pin in pins))
+        held = {other for pair in hinges if node in pair for other in pair if other != node and other in before}
+        threes = [three for three in itertools.combinations((*basic, *(held - {*basic})), 3) if held <= {*three}]
+        best = max(threes, key=lambda three: _apart(x[list(three)] - x[node]), default=())
+        if not best or _apart(x[list(best)] - x[node]) <= BESIDE_POINTS:
+            raise InputError(f"rigid_body: points {list(before)} do not hold node {node}; expected more of them apart")
+        pins.append((node, *best))
+    return tuple(pins)
+
+
+def _apart(ways: np.ndarray) -> float:
+    """How far three directions are from a plane: the volume that their unit vectors span."""
+    return abs(float(np.linalg.det(ways / np.linalg.norm(ways, axis=1)[:, None])))

@@ -1,0 +1,115 @@
+"""Bodies with more joints than basic points, or with joints in a plane: legs of several parallel hinges."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from jaxgrity import InputError, SolverOptions, Structure, final_state, load_scene, parse_scene, save_scene, simulate
+from jaxgrity.model import rigid_body
+from jaxgrity.stepping import resolve
+
+LEG = """
+[structure]
+kind = "custom"
+height = 1.0
+nodes = [[0, -0.1, 0], [0, 0.1, 0], [0.3, -0.1, 0], [0.3, 0.1, 0], [0.15, 0, 0.1],
+         [0.7, 0, 0], [0.5, 0.0, 0.1], [0.5, 0.0, -0.1]]
+fixed = [0, 1]
+[gravity]
+[[bodies]]
+nodes = [0, 1, 2, 3, 4]
+mass = 1.2
+inertia = [0.01, 0.02, 0.015]
+centre = [0.15, 0.0, 0.0]
+[[bodies]]
+nodes = [2, 3, 5, 6, 7]
+mass = 0.8
+inertia = [0.01, 0.03, 0.025]
+centre = [0.5, 0.0, 0.0]
+"""
+
+
+def swung(duration):
+    """Both angles, rad, of the double pendulum, which starts level, by its equations of motion, to rounding."""
+    m, far, arms, inertia = (1.2, 0.8), 0.3, (0.15, 0.2), (0.02, 0.03)
+
+    def slope(_, y):
+        a, b, u, w = y  # below the level
+        c, s = np.cos(a - b), np.sin(a - b)
+        coupled = m[1] * far * arms[1]
+        M = [
+            [inertia[0] + m[0] * arms[0] ** 2 + m[1] * far**2, coupled * c],
+            [coupled * c, inertia[1] + m[1] * arms[1] ** 2],
+        ]
+        pull = 9.81 * np.array([(m[0] * arms[0] + m[1] * far) * np.cos(a), m[1] * arms[1] * np.cos(b)])
+        return np.r_[u, w, np.linalg.solve(M, pull + coupled * s * np.array([-(w**2), u**2]))]
+
+    return solve_ivp(slope, (0, duration), np.zeros(4), method="DOP853", rtol=1e-12, atol=1e-13).y[:2, -1]
+
+
+@pytest.mark.slow
+def test_a_leg_of_two_parallel_hinges_swings_as_a_double_pendulum():
+    """At second order; all four points of the upper body's hinges are in a plane, so that one of them is pinned."""
+    scene, duration = parse_scene(LEG), 0.6
+    upper, lower = scene.structure.bodies
+    ((pinned, *three),) = upper.pinned
+    assert pinned in (2, 3)
+    assert {2, 3} - {pinned} <= set(three)  # the lower body holds this distance, too
+    assert pinned in lower.basic
+    a, b = swung(duration)
+    knee = np.array([0.3 * np.cos(a), 0, 1.1 - 0.3 * np.sin(a)])  # the lowest node is at 1 m
+    end = knee + np.array([0.4 * np.cos(b), 0, -0.4 * np.sin(b)])
+    errors = []
+    for dt in (1e-3, 5e-4):
+        q = np.asarray(simulate(scene, duration, options=SolverOptions(dt=dt), frame_rate=1 / duration).positions[-1])
+        errors.append(np.abs(np.stack([q[2] - knee, q[3] - knee, q[5] - end]) - HINGE[:, None] * [0, 1, 0]).max())
+        np.testing.assert_allclose(np.linalg.norm(q[2] - q[3]), 0.2, atol=1e-12)
+    assert errors[1] < 1e-5
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
+
+
+HINGE = np.array([-0.1, 0.1, 0.0])
+"""m, along the hinge, of the nodes whose places are compared"""
+
+
+@pytest.mark.slow
+def test_derivatives_go_through_pins():
+    """With respect to mass, against differences."""
+    scene = parse_scene(LEG)
+    options = resolve(scene, 0.2)
+
+    @jax.jit
+    def height(scale):
+        matrix = lambda s: s.structure.bodies[0].matrix  # noqa: E731
+        return final_state(eqx.tree_at(matrix, scene, matrix(scene) * scale), 0.2, options)[0][5, 2]
+
+    difference = (height(1 + 1e-5) - height(1 - 1e-5)) / 2e-5
+    assert float(jax.jit(jax.grad(height))(1.0)) == pytest.approx(float(difference), rel=1e-6)
+
+
+def test_a_file_keeps_them(tmp_path):
+    """The same basic and pinned points, and the same numbers."""
+    scene = parse_scene(LEG)
+    save_scene(scene, tmp_path / "leg.toml")
+    for body, again in zip(scene.structure.bodies, load_scene(tmp_path / "leg.toml").structure.bodies):
+        assert (again.points, again.pinned) == (body.points, body.pinned)
+        np.testing.assert_allclose(again.matrix, body.matrix, rtol=0, atol=1e-14)
+
+
+def test_what_holds_no_joint_is_refused():
+    """A flat body has three joints at most; a pinned node is a basic point elsewhere, or fixed."""
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1]])
+    with pytest.raises(InputError, match="without extent along an axis has at most 3 joints and supports"):
+        rigid_body(x, range(4), 1.0, [1.0, 1.0, 2.0], basic=range(4))
+    body = rigid_body(x, range(5), 1.0, [1.0] * 3, basic=range(4))
+    assert [pin[0] for pin in body.pinned] == [3]
+    with pytest.raises(InputError, match="node 3 is pinned, and is a basic point of no other body"):
+        Structure(x, np.zeros(5), bodies=(body,))
+    held = Structure(x, np.zeros(5), bodies=(body,), fixed=((3, "xyz"),))
+    assert held.bodies[0].edges[-3:] == tuple((3, other) for other in body.pinned[0][1:])
+    with pytest.raises(InputError, match="expected the last points, each with three others"):
+        dataclasses.replace(body, pinned=((0, 1, 2, 4),))
