@@ -38,6 +38,13 @@ JOINED = {
     "a ball on the world": (model(body(joint=BALL)), 1),
     "a hinge on the world": (model(body(joint=HINGE)), 2),
     "a hinge on a ball": (model(body(joint=BALL, inside=body("b", "0.1 0.2 0", HINGE))), 3),
+    # six points, of which a body has at most four: the axes are parallel
+    "three hinges": (
+        model(
+            body(inside="".join(body(*each, HINGE) for each in zip("bcd", ("0.1 0.2 0", "-0.1 0.3 0", "0 -0.3 0.1"))))
+        ),
+        6,
+    ),
     "connect": (model(body() + body("b", "-0.3 -0.5 1", turn='euler="0 0 40"'), last=CONNECT), 1),
 }
 
