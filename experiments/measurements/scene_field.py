@@ -5,9 +5,11 @@ and the physics of both the robots and the model has them. The robots are not th
 and ground, friction that is off by up to 25 %, and start from drops.
 """
 
+import itertools
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import to_hex
 from matplotlib.patches import Circle
 from measurements.measurement import Figure, Record, measurement
 from measurements.obstacles import ARENA, GAITS, GOAL, MARGIN, NEAR, REACH, led, told
@@ -83,15 +85,18 @@ def figure(record: Record, chart: Figure) -> None:
     paths = [np.array(path, float) for path in record["shown"]["paths"]]
     way = way_map(discs_of(scene.ground), GOAL, ARENA, reach=REACH + NEAR)
     axes = chart.subplots()
-    x, y = np.meshgrid(np.linspace(-2, 12, 281), np.linspace(-5, 5, 201))
+    (left, low), (right, high) = (end(np.concatenate(paths), axis=0) for end in (np.min, np.max))
+    sides = (min(-2, left - 0.3), max(12, right + 0.3)), (min(-5, low - 0.3), max(5, high + 0.3))
+    x, y = np.meshgrid(np.linspace(*sides[0], 281), np.linspace(*sides[1], 221))
     height = np.where(room(way.discs, np.stack([x, y], -1)) > 0.1, scene.ground.height(x, y), np.nan)
     shown = axes.pcolormesh(x, y, 100 * height, cmap="Greys", alpha=0.5, shading="auto", rasterized=True)
     for centre, radius in zip(way.discs.centres, way.discs.radii):
         axes.add_patch(Circle(centre, radius, color="#b9b2a3"))
-    for path in paths:
-        axes.plot(*path.T, lw=1)
-    axes.plot(*way.way(paths[0][0]).T, color="black", lw=1.6, label="first plan of the first robot")
+    colours = [f"C{k}" for k in range(10) if to_hex(f"C{k}") != to_hex("black")]
+    for path, colour in zip(paths, itertools.cycle(colours)):
+        axes.plot(*path.T, lw=1, color=colour)
+    axes.plot(*way.way(paths[0][0]).T, color="black", lw=1.6, ls="--", label="first plan of the first robot")
     axes.plot(*way.goal, "*", markersize=10, color="C2", label="goal")
-    axes.set(aspect="equal", xlim=(-2, 12), ylim=(-5, 5), xlabel="x (m)", ylabel="y (m)")
+    axes.set(aspect="equal", xlim=sides[0], ylim=sides[1], xlabel="x (m)", ylabel="y (m)")
     chart.colorbar(shown, label="ground (cm)", shrink=0.7)
     chart.legend(loc="outside lower center", ncols=2)
