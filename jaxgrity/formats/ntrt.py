@@ -251,7 +251,8 @@ def _scene(robot: Built, cables: list[Cable], used: list[int], unit: float, loss
 
 
 def _renumbered(body: Body, number: dict[int, int]) -> Body:
-    return Body(tuple(number[k] for k in body.points), body.matrix, body.weights, body.lengths)
+    points, rods = tuple(number[k] for k in body.points), tuple((number[i], number[j]) for i, j in body.rods)
+    return Body(points, body.matrix, body.weights, body.lengths, rods)
 
 
 def _friction(touching: dict[int, tuple[float, float]], nodes: int, losses: Losses) -> ConeFriction:

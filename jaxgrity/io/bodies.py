@@ -27,6 +27,8 @@ class BodyTable(Table, kw_only=True):
     """xx, yy, zz, and where they are not 0 xy, xz, yz"""
     centre: tuple[float, float, float] | None = None
     basic: list[Number] = []
+    rods: list[Pair] = []
+    """lines between two of its nodes along which it may touch"""
 
 
 class SlideTable(Table, kw_only=True):
@@ -123,9 +125,10 @@ def _body(number: int, tables: list[BodyTable], nodes: np.ndarray, fixed: set[in
     elsewhere = fixed | {node for k, other in enumerate(tables) if k != number for node in other.nodes}
     basic = list(dict.fromkeys([*table.basic, *(node for node in table.nodes if node in elsewhere)]))
     try:
-        return rigid_body(nodes, table.nodes, table.mass, inertia, table.centre, basic)
+        return rigid_body(nodes, table.nodes, table.mass, inertia, table.centre, basic, tuple(table.rods))
     except InputError as error:
-        raise InputError(f"bodies[{number}]: {str(error).removeprefix('rigid_body: ')}") from error
+        said = str(error).removeprefix("rigid_body: ").removeprefix("body.")
+        raise InputError(f"bodies[{number}]: {said}") from error
 
 
 def bodies_tables(bodies: Bodies, nodes: NodeVectors) -> list[BodyTable]:
@@ -137,6 +140,5 @@ def _table(body: Body, nodes: np.ndarray) -> BodyTable:
     mass, centre, inertia = (np.asarray(x, float) for x in body_moments(body, nodes))
     x, y, z = centre.tolist()
     products = [*np.diag(inertia).tolist(), *(float(inertia[i, j]) for i, j in PRODUCTS)]
-    return BodyTable(
-        nodes=list(body.points), mass=float(mass), inertia=products, centre=(x, y, z), basic=list(body.basic)
-    )
+    points, basic, rods = list(body.points), list(body.basic), list(body.rods)
+    return BodyTable(nodes=points, mass=float(mass), inertia=products, centre=(x, y, z), basic=basic, rods=rods)

@@ -6,6 +6,7 @@ distance for each pair of them. A rod is the body of two basic points, and a str
 Jalón 2007, doi:10.1007/s11044-007-9068-0.
 """
 
+import dataclasses
 import itertools
 from collections import Counter
 from collections.abc import Sequence
@@ -40,6 +41,8 @@ class Body(eqx.Module):
     """(others, basic): x = sum_a w_a x_a of each other point"""
     lengths: AnyArray = eqx.field(converter=as_float)
     """m, between the basic points, in the order of `edges`"""
+    rods: Edges = eqx.field(static=True, default=())
+    """pairs of its points: lines along which contact may act as along struts"""
 
     def __check_init__(self):
         count = np.shape(self.matrix)[0] if np.ndim(self.matrix) else 0
@@ -47,6 +50,11 @@ class Body(eqx.Module):
             raise InputError(f"body.points = {list(self.points)}: expected numbers of nodes, each once")
         if count not in (2, 3, 4) or len(self.points) < count:
             raise InputError(f"body.matrix has {count} rows; expected 2, 3 or 4, one for each basic point")
+        for rod in self.rods:
+            if len(rod) != 2 or rod[0] == rod[1] or not set(rod) <= set(self.points):
+                raise InputError(f"body.rods has {list(rod)}: expected two of the points {list(self.points)}")
+        if len(set(map(frozenset, self.rods))) < len(self.rods):
+            raise InputError(f"body.rods = {list(map(list, self.rods))}: expected each pair once")
         pairs = (count * (count - 1) // 2,)
         shapes = {"matrix": (count, count), "weights": (len(self.points) - count, count), "lengths": pairs}
         for name, shape in shapes.items():
@@ -80,6 +88,7 @@ def rigid_body(
     inertia: AnyArray | Sequence,
     centre: AnyArray | Sequence[float] | None = None,
     basic: Sequence[int] = (),
+    rods: Edges = (),
 ) -> Body:
     """A rigid body through some nodes, from its mass, its inertia and its centre of mass.
 
@@ -92,6 +101,8 @@ def rigid_body(
             A plate has as much about its normal as about both other axes together, a rod nothing about its line.
         centre: (3,), m, of mass; by default the mean of the points.
         basic: the points that must be basic: nodes of several bodies (joints), and supports.
+        rods: pairs of points: lines along which the body may touch, as struts do (docs/terrain.md). By default it
+            touches at its points alone.
 
     Returns:
         The body, one of `Structure.bodies`. It is the same in any pose; its numbers may be traced but for `nodes`.
@@ -115,7 +126,8 @@ def rigid_body(
         raise InputError(f"rigid_body: points = {list(points)}: expected some, the basic ones too")
     if np.shape(moments) not in ((3,), (3, 3)):
         raise InputError(f"rigid_body: inertia has shape {np.shape(moments)}; expected (3, 3), or (3,)")
-    return _body(x, points, (mass, moments, x[list(points)].mean(0) if middle is None else middle), basic)
+    made = _body(x, points, (mass, moments, x[list(points)].mean(0) if middle is None else middle), basic)
+    return dataclasses.replace(made, rods=tuple((int(i), int(j)) for i, j in rods))
 
 
 def _body(x: np.ndarray, points: tuple, inertia: tuple, basic: tuple) -> Body:
