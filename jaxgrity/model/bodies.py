@@ -168,6 +168,14 @@ def body_moments(body: Body, q: NodeVectors) -> tuple[Scalar, Vector, AnyArray]:
     return mass, first / mass, second.trace() * np.eye(3) - second
 
 
+def with_factors(body: Body, mass: Scalar = 1.0, inertia: Scalar = 1.0) -> Body:
+    """The body with factors on its mass, and on its inertia about the centre of mass, which stays where it is."""
+    whole = body.matrix
+    total, shares = whole.sum((0, 1)), whole.sum(0)
+    of_centre = shares[:, None] * shares[None] / total
+    return eqx.tree_at(lambda b: b.matrix, body, mass * of_centre + inertia * (whole - of_centre))
+
+
 def check_bodies(bodies: Bodies, nodes: int, fixed: Sequence[int]) -> None:
     """Raises `InputError` for bodies with missing nodes, and for a carried point that is fixed or in another body."""
     joined = Counter(k for body in bodies for k in body.points)
