@@ -143,12 +143,11 @@ def standstill_words(scene: Scene, config: SearchConfig) -> str:
 
 
 def equal_mass_words(scene: Scene, config: SearchConfig) -> str:
-    """That uncertain masses of nodes change nothing, in words; none where some node has a mass of its own."""
-    if not config.evaluation.uncertainty.node_mass or np.any(scene.structure.node_mass):
+    """That uncertain masses change nothing, in words; none where some node has a mass of its own, or bodies have."""
+    structure = scene.structure
+    if not config.evaluation.uncertainty.node_mass or structure.bodies or np.any(structure.node_mass):
         return ""
-    return (
-        "Perturbed robots all weigh the same: no node has a mass of its own, and rods and bodies have exact ones.\n\n"
-    )
+    return "Perturbed robots all weigh the same: no node has a mass of its own, and rods have exact ones.\n\n"
 
 
 def changed_words(scene: Scene, config: SearchConfig) -> str:

@@ -13,6 +13,7 @@ from jaxgrity.model.ground import Ground
 from jaxgrity.model.height_fields import HeightField
 from jaxgrity.model.rigidity import lines_between_points
 from jaxgrity.model.rod_contact import radii_along_struts
+from jaxgrity.model.rods import rods_of
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.solids import Box, Cylinder, Sphere
@@ -102,20 +103,19 @@ def gap(discs: Discs, scene: Scene, q: np.ndarray) -> np.ndarray:
     negative.
 
     The robot is all its struts and cables, as straight lines, lines between all points of a rigid body, and its balls.
-    A strut that touches the ground between its ends has the radius with which it does. A disc between the robot's
-    members counts by its distance from those: nothing gets there without a touch.
+    Struts and rods of bodies that touch the ground between their ends have the radius with which they do. A disc
+    between the robot's members counts by its distance from those: nothing gets there without a touch.
     """
     if np.shape(q)[-2:] != scene.structure.nodes.shape:
         raise InputError(f"q has shape {np.shape(q)}; expected (..., {len(scene.structure.nodes)}, 3)")
     if not len(discs.radii):
         return np.full(q.shape[:-2], np.inf)
     structure, balls = scene.structure, None if scene.ground is None else scene.ground.balls
-    edges = [edge for members in structure.members for edge in members.edges]
-    edges += lines_between_points(structure.bodies)
-    if not edges:
+    edges = [*rods_of(structure), *(edge for members in structure.members for edge in members.edges)]
+    if not (edges := [*edges, *lines_between_points(structure.bodies)]):
         raise InputError("the robot has neither members nor bodies; expected some, to be kept from discs")
-    (i, j), thick, along_struts = np.array(edges).T, np.zeros(len(edges)), radii_along_struts(scene)
-    thick[list(along_struts)] = list(along_struts.values())
+    (i, j), along_struts = np.array(edges).T, radii_along_struts(scene)
+    thick = np.array([along_struts.get(k, 0.0) for k in range(len(edges))])
     least = np.full(q.shape[:-2], np.inf)
     for centre, radius in zip(discs.centres, discs.radii):
         least = np.minimum(least, (_away_from_lines(centre, q[..., i, :2], q[..., j, :2]) - thick).min(-1) - radius)

@@ -1,6 +1,5 @@
 """The bodies of a MuJoCo model as nodes with masses, supports, and rods: as heavy, and as hard to turn."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import lazy_loader
@@ -11,7 +10,8 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges, Supports
 from jaxgrity.formats.mjcf_joints import Shared, outer_joints, own_nodes, points_of
 from jaxgrity.formats.mjcf_losses import name_of
-from jaxgrity.model.bodies import Bodies, Body, joined_bodies, rigid_body
+from jaxgrity.model.bodies import Bodies, Body, Joints, rigid_body
+from jaxgrity.model.joints import joined_bodies
 from jaxgrity.model.structure import Members, edge_lengths
 
 mujoco: Any = lazy_loader.load("mujoco")
@@ -56,9 +56,9 @@ def carried(
             raise InputError(f"body {name}: expected a free joint, or slides along axes and a single node")
     numbers = list(solid)
 
-    def made(number: int, joints: Sequence[int], hinges: Edges) -> Body:
+    def made(number: int, joints: Joints) -> Body:
         body = numbers[number]
-        return _as_body(inertia_of(model, data, body), name_of(model, "body", body), solid[body], x, (joints, hinges))
+        return _as_body(inertia_of(model, data, body), name_of(model, "body", body), solid[body], x, joints)
 
     rigid = joined_bodies([each.tolist() for each in solid.values()], {node for node, _ in fixed}, made)
     return mass, tuple(fixed), rods, rigid
@@ -102,11 +102,11 @@ def _as_body(
     name: str,
     own: np.ndarray,
     x: np.ndarray,
-    joints: tuple[Sequence[int], Edges],
+    joints: Joints,
 ) -> Body:
     total, centre, second = moments
     try:
-        return rigid_body(x, own.tolist(), total, np.trace(second) * np.eye(3) - second, centre, *joints)
+        return rigid_body(x, own.tolist(), total, np.trace(second) * np.eye(3) - second, centre, joints)
     except InputError as error:
         raise InputError(f"body {name}: {str(error).removeprefix('rigid_body: ')}") from error
 

@@ -251,8 +251,9 @@ def _scene(robot: Built, cables: list[Cable], used: list[int], unit: float, loss
 
 
 def _renumbered(body: Body, number: dict[int, int]) -> Body:
+    points, rods = tuple(number[k] for k in body.points), tuple((number[i], number[j]) for i, j in body.rods)
     pinned = tuple(tuple(number[k] for k in pin) for pin in body.pinned)
-    return Body(tuple(number[k] for k in body.points), body.matrix, body.weights, body.lengths, pinned)
+    return Body(points, body.matrix, body.weights, body.lengths, rods, pinned)
 
 
 def _friction(touching: dict[int, tuple[float, float]], nodes: int, losses: Losses) -> ConeFriction:

@@ -50,7 +50,14 @@ def robots_at(found: Identified, drawn: np.ndarray) -> Differences:
         if own:
             path = _one_path(found, own)
             factors[name] = np.stack([_ratio(found, path, own, z) for z in drawn])
-    missing = [p.name for p in found.parameters if not any(p.path in paths for paths in DIFFERING.values())]
+    places = [path for paths in DIFFERING.values() for path in paths]
+    bodies = getattr(getattr(found.scene, "structure", None), "bodies", ())
+    for number, path in enumerate(f"structure.bodies.{k}.matrix" for k in range(len(bodies))):
+        for k in [k for k, parameter in enumerate(found.parameters) if parameter.path == path]:
+            each = factors.setdefault("body_mass", np.ones((count, len(bodies))))
+            each[:, number] = [np.asarray(found.parameters[k].value(z[k])) for z in drawn]
+            places.append(path)
+    missing = [p.name for p in found.parameters if p.path not in places]
     if missing:
         raise InputError(f"{missing[0]}: robots of a population cannot differ in it; expected {', '.join(DIFFERING)}")
     if "friction" in factors:

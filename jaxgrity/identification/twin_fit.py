@@ -11,10 +11,9 @@ from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.identification.measurements import Measurement
 from jaxgrity.identification.motions import MeasuredMotion, above_exact_ground, with_options
-from jaxgrity.identification.parameters import Parameter
+from jaxgrity.identification.parameters import Parameter, own_numbers
 from jaxgrity.model.contact_twin import contact_twin
 from jaxgrity.model.scene import Scene
-from jaxgrity.populations.uncertainty import part_of
 from jaxgrity.stepping.options import resolve
 
 
@@ -56,7 +55,7 @@ def twin_problem(
         return None
     try:
         twin = contact_twin(scene)
-        shared = [p for p in parameters if eqx.is_inexact_array_like(part_of(twin, p.path))]
+        shared = [p for p in parameters if eqx.is_inexact_array_like(own_numbers(twin, p))]
         if not shared:
             return "it has none of the parameters"
         return twin, shared, [_on(twin, each) for each in motions]

@@ -1,16 +1,16 @@
 """The rigid bodies, sliding nodes, and springs and dampers of hinges of a scene file, read and written."""
 
-from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
 
 from jaxgrity.core.errors import InputError
-from jaxgrity.core.types import Edges, NodeVectors, Supports
+from jaxgrity.core.types import NodeVectors, Supports
 from jaxgrity.io.table_types import NotNegative, Number, Pair, Positive, Table
-from jaxgrity.model.bodies import Bodies, Body, body_moments, joined_bodies, rigid_body
+from jaxgrity.model.bodies import Bodies, Body, Joints, body_moments, rigid_body
 from jaxgrity.model.hinges import OFF_AXIS, HingeDampers, HingeSprings, hinge_angles
+from jaxgrity.model.joints import joined_bodies
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.slides import Slides, slides_of
 
@@ -28,6 +28,8 @@ class BodyTable(Table, kw_only=True):
     """xx, yy, zz, and where they are not 0 xy, xz, yz"""
     centre: tuple[float, float, float] | None = None
     basic: list[Number] = []
+    rods: list[Pair] = []
+    """lines between two of its nodes along which it may touch"""
 
 
 class SlideTable(Table, kw_only=True):
@@ -110,11 +112,11 @@ def build_bodies(tables: list[BodyTable], nodes: np.ndarray, fixed: Supports) ->
     Raises `InputError` with the number of the table.
     """
     points = [[*dict.fromkeys([*table.basic, *table.nodes])] for table in tables]
-    make = lambda number, basic, hinges: _body(number, tables[number], nodes, basic, hinges)  # noqa: E731
+    make = lambda number, basic: _body(number, tables[number], nodes, basic)  # noqa: E731
     return joined_bodies(points, {node for node, _ in fixed}, make)
 
 
-def _body(number: int, table: BodyTable, nodes: np.ndarray, joints: Sequence[int], hinges: Edges) -> Body:
+def _body(number: int, table: BodyTable, nodes: np.ndarray, joints: Joints) -> Body:
     if len(table.inertia) not in (3, 6):
         raise InputError(
             f"bodies[{number}].inertia has {len(table.inertia)} numbers; expected xx, yy, zz, or also xy, xz, yz"
@@ -124,9 +126,10 @@ def _body(number: int, table: BodyTable, nodes: np.ndarray, joints: Sequence[int
         inertia[i, j] = inertia[j, i] = product
     basic = list(dict.fromkeys([*joints, *table.basic]))
     try:
-        return rigid_body(nodes, table.nodes, table.mass, inertia, table.centre, basic, hinges)
+        return rigid_body(nodes, table.nodes, table.mass, inertia, table.centre, basic, tuple(table.rods))
     except InputError as error:
-        raise InputError(f"bodies[{number}]: {str(error).removeprefix('rigid_body: ')}") from error
+        said = str(error).removeprefix("rigid_body: ").removeprefix("body.")
+        raise InputError(f"bodies[{number}]: {said}") from error
 
 
 def bodies_tables(bodies: Bodies, nodes: NodeVectors) -> list[BodyTable]:
@@ -138,6 +141,5 @@ def _table(body: Body, nodes: np.ndarray) -> BodyTable:
     mass, centre, inertia = (np.asarray(x, float) for x in body_moments(body, nodes))
     x, y, z = centre.tolist()
     products = [*np.diag(inertia).tolist(), *(float(inertia[i, j]) for i, j in PRODUCTS)]
-    return BodyTable(
-        nodes=list(body.points), mass=float(mass), inertia=products, centre=(x, y, z), basic=list(body.basic)
-    )
+    points, basic, rods = list(body.points), list(body.basic), list(body.rods)
+    return BodyTable(nodes=points, mass=float(mass), inertia=products, centre=(x, y, z), basic=basic, rods=rods)

@@ -192,16 +192,16 @@ def _stiffness(table: StrutsTable | CablesTable) -> float | list[float] | None:
         raise InputError(f"cables.force: {error}") from error
 
 
-def touching_keys(scene: Scene) -> dict[str, Any]:
-    """The key of contact between struts. Raises `InputError` where `load_scene` would make other laws of it."""
+def touching_keys(scene: Scene) -> TouchingKeys | None:
+    """The table of contact between struts. Raises `InputError` where `load_scene` would make other laws of it."""
     if (law := strut_contact(scene)) is None:
-        return {}
+        return None
     without = without_strut_contact(scene)
     again = touching_like(without, scene).terms[len(without.terms) :]
     if not eqx.tree_equal(again, scene.terms[-len(again) :]):
         raise InputError("contact between struts: expected its laws as the last ones, and unchanged, as files have")
     pairs, at_once = list(law.between.pairs), getattr(law, "at_once", None)
-    return {"touching": TouchingKeys(one_or_all(np.array(radius_of_struts(scene, law.between))), pairs, at_once)}
+    return TouchingKeys(one_or_all(np.array(radius_of_struts(scene, law.between))), pairs, at_once)
 
 
 def member_numbers(chosen: list[int], count: int, where: str) -> tuple[int, ...]:

@@ -135,7 +135,10 @@ def build_scene(file: SceneFile, folder: Path) -> Scene:
         scene = with_contact_along_struts(scene, keys.count, chosen, keys.radius)
         if np.any(keys.radius):
             scene = _on_its_struts(scene, file.structure, file.ground.incline)
-    if file.struts is None or (touching := file.struts.touching) is None:
+    tables = (file.touching, None if file.struts is None else file.struts.touching)
+    if None not in tables:
+        raise InputError("touching: struts.touching is given too; expected one of them")
+    if (touching := tables[0] or tables[1]) is None:
         return scene
     pairs = None if touching.pairs is None else tuple(touching.pairs)
     return with_contact_between_struts(scene, touching.radius, pairs, touching.at_once)

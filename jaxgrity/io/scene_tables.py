@@ -8,7 +8,7 @@ from msgspec import Meta
 from jaxgrity.io.added import AddedTable
 from jaxgrity.io.bodies import BodyTable, HingeTable, SlideTable
 from jaxgrity.io.ground_tables import BoxTable, CylinderTable, SphereTable, SurfaceTable
-from jaxgrity.io.member_tables import CablesTable, StrutsTable
+from jaxgrity.io.member_tables import CablesTable, StrutsTable, TouchingKeys
 from jaxgrity.io.structure_tables import StructureTable
 from jaxgrity.io.table_types import NotNegative, Number, Positive, Seed, Share, Table
 
@@ -29,7 +29,7 @@ class BallsKeys(Table):
 
 
 class AlongStrutsKeys(Table):
-    """Contact along struts: points or parts of each, by default of all of them, and their radius."""
+    """Contact along struts and rods of bodies: points or parts of each, by default of all of them, and their radius."""
 
     count: Annotated[int, Meta(ge=1, le=1000)]
     struts: Annotated[list[Number], Meta(min_length=1)] | None = None
@@ -136,3 +136,4 @@ class SceneFile(Table):
     hinges: list[HingeTable] = []
     gait: GaitTable | None = None
     loads: list[LoadTable] = []
+    touching: TouchingKeys | None = None

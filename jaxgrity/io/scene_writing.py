@@ -114,7 +114,7 @@ def scene_file(scene: Scene) -> SceneFile:
     structure, (wind, pushes, forces) = scene.structure, _laws(scene)
     file = SceneFile(
         structure=_structure(structure),
-        struts=members_table(structure.struts, StrutsTable, "struts", touching_keys(scene)),
+        struts=members_table(structure.struts, StrutsTable, "struts", {}),
         cables=members_table(structure.cables, CablesTable, "cables", forces),
         gravity=None if scene.gravity is None else GravityTable(float(scene.gravity)),
         damping=None if scene.node_damping is None else DampingTable(one_or_all(scene.node_damping)),
@@ -123,6 +123,7 @@ def scene_file(scene: Scene) -> SceneFile:
         wind=wind,
         pushes=pushes,
         shaking=_shaking(scene.shaking),
+        touching=touching_keys(scene),
         bodies=bodies_tables(structure.bodies, structure.nodes),
         slides=slides_tables(scene),
         hinges=hinges_tables(scene),

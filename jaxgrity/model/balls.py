@@ -15,6 +15,7 @@ from jaxgrity.core.arguments import check_each, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, PerRow, as_float, namespace_of
 from jaxgrity.model.bodies import Bodies
+from jaxgrity.model.rods import Carriers, moved_beside
 from jaxgrity.model.surface import Direction, Surface
 
 
@@ -71,13 +72,8 @@ class Balls(eqx.Module):
         weights = jnp.zeros((len(self.nodes), len(q)), q.dtype)
         if not own.size:
             return weights
-        first = q[carriers[:, 0]]
-        a, b, c = (q[carriers[:, k]] - first for k in (1, 2, 3))
-        across = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)], axis=1)
-        arm = -jnp.asarray(self.radius)[own, None] * normal[own]
-        shares = jnp.sum(arm[:, None] * across, axis=2) / jnp.sum(a * across[:, 0], axis=1, keepdims=True)
-        rows = jnp.concatenate([-shares.sum(1, keepdims=True), shares], axis=1)
-        return weights.at[own[:, None], carriers].set(rows)
+        arms = -jnp.asarray(self.radius)[own, None] * normal[own]
+        return weights.at[own].set(moved_beside(Carriers(carriers, np.ones(len(own), bool)), arms, q))
 
     def _turned(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
         """The numbers of the balls that turn with a body, and its basic points, (balls, 4). At a joint of several

@@ -6,9 +6,9 @@ distance for each pair of them. A rod is the body of two basic points, and a str
 Jalón 2007, doi:10.1007/s11044-007-9068-0.
 """
 
+import dataclasses
 import itertools
-from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -42,6 +42,8 @@ class Body(eqx.Module):
     """(others, basic): x = sum_a w_a x_a of each other point"""
     lengths: AnyArray = eqx.field(converter=as_float)
     """m, of `edges`"""
+    rods: Edges = eqx.field(static=True, default=())
+    """pairs of its points: lines along which contact may act as along struts"""
     pinned: tuple[tuple[int, ...], ...] = eqx.field(static=True, default=())
     """nodes that move freely, but for their distances from three points of the body: each with these three"""
 
@@ -52,6 +54,11 @@ class Body(eqx.Module):
         pinned = tuple(pin[0] for pin in self.pinned)
         if count not in (2, 3, 4) or len(self.points) < count + len(pinned):
             raise InputError(f"body.matrix has {count} rows; expected 2, 3 or 4, one for each basic point")
+        for rod in self.rods:
+            if len(rod) != 2 or rod[0] == rod[1] or not set(rod) <= set(self.points):
+                raise InputError(f"body.rods has {list(rod)}: expected two of the points {list(self.points)}")
+        if len(set(map(frozenset, self.rods))) < len(self.rods):
+            raise InputError(f"body.rods = {list(map(list, self.rods))}: expected each pair once")
         if pinned != self.points[len(self.points) - len(pinned) :] or any(len(pin) != 4 for pin in self.pinned):
             raise InputError(f"body.pinned = {self.pinned}: expected the last points, each with three others")
         shapes = {
@@ -81,6 +88,8 @@ class Body(eqx.Module):
 
 
 Bodies = tuple[Body, ...]
+Joints = Sequence[int | tuple[int, int]]
+"""Nodes of several bodies, or supports; two on the axis of a hinge as a pair."""
 
 
 @typed
@@ -90,8 +99,8 @@ def rigid_body(
     mass: Scalar,
     inertia: AnyArray | Sequence,
     centre: AnyArray | Sequence[float] | None = None,
-    basic: Sequence[int] = (),
-    hinges: Edges = (),
+    basic: Joints = (),
+    rods: Edges = (),
 ) -> Body:
     """A rigid body through some nodes, from its mass, its inertia and its centre of mass.
 
@@ -106,8 +115,10 @@ def rigid_body(
         inertia: kg m^2 about the centre of mass along x, y and z at the start: (3, 3), or (3,) of principal axes.
             A plate has as much about its normal as about both other axes together, a rod nothing about its line.
         centre: (3,), m, of mass; by default the mean of the points.
-        basic: nodes of several bodies (joints), and supports: the first ones become basic points, if they can.
-        hinges: pairs of these that another body has, too: it holds their distance, so this one need not.
+        basic: nodes of several bodies (joints), and supports: the first ones become basic points, if they can. Two
+            nodes that another body has, too (a hinge) are a pair here: the other body holds their distance.
+        rods: pairs of points: lines along which the body may touch, as struts do (docs/terrain.md). By default it
+            touches at its points alone.
 
     Returns:
         The body, one of `Structure.bodies`. It is the same in any pose; its numbers may be traced but for `nodes`.
@@ -122,16 +133,19 @@ def rigid_body(
     """
     x = np.asarray(as_float(nodes))
     check_each("rigid_body: nodes", x, shape=(len(x) if x.ndim else 0, 3))
-    points, basic = (check_indices("rigid_body: points", given, len(x)) for given in (points, basic))
+    hinges = tuple((joint[0], joint[-1]) for joint in basic if isinstance(joint, Sequence))
+    named = dict.fromkeys(k for joint in basic for k in (joint if isinstance(joint, Sequence) else (joint,)))
+    points, joints = (check_indices("rigid_body: points", given, len(x)) for given in (points, [*named]))
     mass, moments, middle = as_float(mass), as_float(inertia), as_float_or_none(centre)
     check_each("rigid_body: mass", mass, shape=(), above=0.0, unit="kg")
     check_each("rigid_body: centre", middle, shape=(3,))
     check_each("rigid_body: inertia", moments)
-    if not points or not set(basic) <= set(points):
+    if not points or not set(joints) <= set(points):
         raise InputError(f"rigid_body: points = {list(points)}: expected some, the basic ones too")
     if np.shape(moments) not in ((3,), (3, 3)):
         raise InputError(f"rigid_body: inertia has shape {np.shape(moments)}; expected (3, 3), or (3,)")
-    return _body(x, points, (mass, moments, x[list(points)].mean(0) if middle is None else middle), basic, hinges)
+    made = _body(x, points, (mass, moments, x[list(points)].mean(0) if middle is None else middle), joints, hinges)
+    return dataclasses.replace(made, rods=tuple((int(i), int(j)) for i, j in rods))
 
 
 def _body(x: np.ndarray, points: tuple, inertia: tuple, basic: tuple, hinges: Edges) -> Body:
@@ -162,7 +176,7 @@ def _body(x: np.ndarray, points: tuple, inertia: tuple, basic: tuple, hinges: Ed
     pairs = [*itertools.combinations(chosen, 2), *((node, other) for node, *three in pinned for other in three)]
     lengths = np.linalg.norm(x[[i for i, _ in pairs]] - x[[j for _, j in pairs]], axis=1)
     nodes = (*chosen, *others, *(node for node, *_ in pinned))
-    return Body(nodes, inverse.T @ whole @ inverse, affine(others) @ inverse, lengths, pinned)
+    return Body(nodes, inverse.T @ whole @ inverse, affine(others) @ inverse, lengths, pinned=pinned)
 
 
 @typed
@@ -175,44 +189,12 @@ def body_moments(body: Body, q: NodeVectors) -> tuple[Scalar, Vector, AnyArray]:
     return mass, first / mass, second.trace() * np.eye(3) - second
 
 
-def joined_bodies(
-    points: Sequence[Sequence[int]], fixed: Collection[int], make: Callable[[int, Sequence[int], Edges], Body]
-) -> Bodies:
-    """Bodies with these points, some of them fixed, made by `make(number, basic, hinges)`, as `rigid_body` takes these.
-
-    Those with most joints are made first: what is pinned to them becomes basic in others.
-    """
-    count = Counter(k for own in points for k in own)
-    joints = [[k for k in own if count[k] > 1 or k in fixed] for own in points]
-    pairs = Counter(pair for own in joints for pair in itertools.combinations(sorted(own), 2))
-    hinges = tuple(pair for pair, bodies in pairs.items() if bodies > 1 or set(pair) <= set(fixed))
-    made, pinned = dict[int, Body](), set[int]()
-    for number in sorted(range(len(points)), key=lambda k: -len(joints[k])):
-        own = sorted(joints[number], key=lambda k: k not in pinned)
-        made[number] = make(number, own, tuple(pair for pair in hinges if set(pair) <= set(own)))
-        pinned |= {node for node, *_ in made[number].pinned}
-    return tuple(made[number] for number in range(len(points)))
-
-
-def check_bodies(bodies: Bodies, nodes: int, fixed: Sequence[int]) -> None:
-    """Raises `InputError` for bodies with missing nodes, and for a carried point that is fixed or in another body.
-
-    A node that is pinned to one body has to be fixed, or a basic point of another.
-    """
-    joined, basic = Counter(k for body in bodies for k in body.points), {k for body in bodies for k in body.basic}
-    for number, body in enumerate(bodies):
-        if max(body.points) >= nodes:
-            raise InputError(f"structure.bodies[{number}] has node {max(body.points)}; expected 0 to {nodes - 1}")
-        if shared := sorted(k for k in body.carried if joined[k] > 1 or k in set(fixed)):
-            raise InputError(
-                f"structure.bodies[{number}]: node {shared[0]} is fixed, or a point of another body too, and follows "
-                f"basic points here; expected rigid_body(..., basic=({shared[0]},))"
-            )
-        if loose := sorted({pin[0] for pin in body.pinned} - basic - set(fixed)):
-            raise InputError(
-                f"structure.bodies[{number}]: node {loose[0]} is pinned, and is a basic point of no other body; "
-                "expected it first in `basic` of another body"
-            )
+def with_factors(body: Body, mass: Scalar = 1.0, inertia: Scalar = 1.0) -> Body:
+    """The body with factors on its mass, and on its inertia about the centre of mass, which stays where it is."""
+    whole = body.matrix
+    total, shares = whole.sum((0, 1)), whole.sum(0)
+    of_centre = shares[:, None] * shares[None] / total
+    return eqx.tree_at(lambda b: b.matrix, body, mass * of_centre + inertia * (whole - of_centre))
 
 
 def _axes(spread: np.ndarray, mass: float) -> np.ndarray:

@@ -31,9 +31,10 @@ KINK = 0.1
 
 
 class Capsules(eqx.Module):
-    """The struts that touch exact ground with their whole length, and their radius."""
+    """The struts, and rods of bodies, that touch exact ground with their whole length, and their radius."""
 
     struts: tuple[int, ...] = eqx.field(static=True)
+    """numbers, as in `rods.py`"""
     ends: tuple[tuple[int, ...], tuple[int, ...]] = eqx.field(static=True)
     """nodes i and j of each strut"""
     parts: int = eqx.field(static=True)

@@ -265,8 +265,8 @@ class ExactContact(Constraint):
 
     def complaint(self, q, t, part):
         if part >= len(q):
-            strut, depth = self.ground.capsules.struts[part - len(q)], self.gaps(q, t)[part]
-            return f"strut {strut} starts {depth:.3g} m in the ground between its ends; expected: above it, or on it"
+            rod, depth = self.ground.capsules.struts[part - len(q)], self.gaps(q, t)[part]
+            return f"rod {rod} starts {depth:.3g} m in the ground between its ends; expected: above it, or on it"
         depth = -self.ground.measured(q).distance[part]
         found = f"node {part} starts {depth:.3g} m below the ground"
         return f"{found}; expected: on exact contact, on or above it, as from ground.set_down(positions, 0.0)"

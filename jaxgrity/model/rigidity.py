@@ -91,6 +91,8 @@ def _same(body, places, nodes) -> bool:
     other = places.get(frozenset(nodes[k] for k in body.points))
     if other is None or {nodes[k] for k in body.basic} != set(other.basic):
         return False
+    if {frozenset(nodes[k] for k in rod) for rod in body.rods} != set(map(frozenset, other.rods)):
+        return False
     order = [other.basic.index(nodes[k]) for k in body.basic]
     matrix = np.asarray(other.matrix)
     return bool(np.allclose(matrix[np.ix_(order, order)], body.matrix, rtol=0, atol=SAME * np.abs(matrix).max()))

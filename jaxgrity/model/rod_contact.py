@@ -22,16 +22,17 @@ from jaxgrity.model.ground import ExactGround, Ground, PenaltyGround, contact_di
 from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, ForceLaw, Motion
 from jaxgrity.model.placing import SETTLED_WITHIN
 from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.rods import rods_of, turned
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene, as_dtype, with_terms
-from jaxgrity.model.structure import Members, per_member
+from jaxgrity.model.structure import per_member
 
 
 class Points(eqx.Module):
-    """Points x_p = (1 - s) x_i + s x_j along struts. Positions and forces use the same weights."""
+    """Points x_p = (1 - s) x_i + s x_j along struts and rods of bodies. Positions and forces use the same weights."""
 
     struts: tuple[int, ...] = eqx.field(static=True)
-    """strut of each point"""
+    """strut of each point, or rod of a body: numbers as in `rods.py`"""
     ends: tuple[tuple[int, ...], tuple[int, ...]] = eqx.field(static=True)
     """nodes i and j of each point"""
     share: AnyArray
@@ -56,7 +57,7 @@ class Points(eqx.Module):
         return ground.signed_distance(x) - self.radius
 
     def names(self, what: str) -> tuple[str, ...]:
-        return tuple(f"{what} strut {k} at {s:.2g} of its length" for k, s in zip(self.struts, np.asarray(self.share)))
+        return tuple(f"{what} rod {k} at {s:.2g} of its length" for k, s in zip(self.struts, np.asarray(self.share)))
 
     def times(self, factors: AnyArray) -> "Points":
         return eqx.tree_at(lambda p: p.strength, self, self.strength * factors)
@@ -131,11 +132,12 @@ class RodFriction(ForceLaw):
         x, v = self.points.of(motion.at.q), self.points.of(motion.v)
         normals = _normals(ground, x)
         v_n = jnp.sum(v * normals, axis=1)
-        slip = v - v_n[:, None] * normals
+        spun = turned(scene.structure, self.points.struts, -self.points.radius[:, None] * normals, motion.at.q)
+        slip = v - v_n[:, None] * normals + (0.0 if spun is None else spun @ motion.v)
         pressed = normal_force(ground, self.points.distances(ground, x), v_n)
         mu = self.points.of(jnp.broadcast_to(scene.friction.mu, (nodes,))[:, None] * jnp.ones((1, 3), x.dtype))[:, 0]
-        speed = jnp.sqrt(jnp.sum(slip * slip, axis=1) + scene.friction.slip_speed**2)
-        return self.points.on_nodes(-(mu * pressed / speed)[:, None] * slip, nodes)
+        force = -(mu * pressed / jnp.sqrt(jnp.sum(slip * slip, axis=1) + scene.friction.slip_speed**2))[:, None] * slip
+        return self.points.on_nodes(force, nodes) + (0.0 if spun is None else spun.T @ force)
 
 
 ALONG_STRUTS = RodContact, RodContactDissipation, RodFriction
@@ -146,11 +148,12 @@ ALONG_STRUTS = RodContact, RodContactDissipation, RodFriction
 def with_contact_along_struts(
     scene: Scene, count: int, struts: tuple[int, ...] | None = None, radius: Scalar | Sequence[float] = 0.0
 ) -> Scene:
-    """The scene whose struts touch the ground between their ends, too.
+    """The scene whose struts, and rods of bodies, touch the ground between their ends, too.
 
     So a rod touches edges, posts and crests between its nodes (docs/terrain.md). A strut with a radius r is a capsule:
     all that is within r of it. Its axis has the distance phi = r from the ground where it touches. Its ends become
-    balls of that radius. Both ends get the force on a point x = (1 - s) x_i + s x_j by the same weights.
+    balls of that radius. Both ends get the force on a point x = (1 - s) x_i + s x_j by the same weights. The `rods` of
+    bodies count on after the struts. Those of bodies with four basic points can roll, others slide.
 
     - Penalty contact acts at `count` evenly spaced points between the ends, with the ground's stiffness divided by
       `count`.
@@ -161,7 +164,7 @@ def with_contact_along_struts(
     Args:
         scene: a scene with ground; on penalty contact with smooth friction or none.
         count: number of points, or parts, per strut.
-        struts: numbers of the struts; by default all.
+        struts: numbers of the struts, and of rods of bodies; by default all.
         radius: r, m, of all of them or of each; 0: a thin rod.
 
     Returns:
@@ -178,7 +181,7 @@ def with_contact_along_struts(
         'penalty contact along struts'
     """
     chosen = _chosen_struts(scene, count, struts)
-    edges, ground = cast(Members, scene.structure.struts).edges, cast(Ground, scene.ground)
+    edges, ground = rods_of(scene.structure), cast(Ground, scene.ground)
     radii = per_member(radius, len(chosen), "radius")
     check_each("radius", radii, least=0.0, unit="m")
     ends = tuple(edges[k][0] for k in chosen), tuple(edges[k][1] for k in chosen)
@@ -186,14 +189,13 @@ def with_contact_along_struts(
         ground = dataclasses.replace(ground, balls=_balls(ground.balls, ends, radii, len(scene.structure.nodes)))
     if isinstance(ground, ExactGround):
         ground = dataclasses.replace(ground, capsules=Capsules(chosen, ends, count, radii))
-        return dataclasses.replace(scene, ground=ground)
     scene = dataclasses.replace(scene, ground=ground)
-    return with_terms(scene, *laws_along(scene, count, chosen, radii))
+    return scene if ground.impulsive else with_terms(scene, *laws_along(scene, count, chosen, radii))
 
 
 def laws_along(scene: Scene, count: int, struts: tuple[int, ...], radii: np.ndarray) -> tuple[Any, ...]:
     """The laws of penalty contact at `count` evenly spaced points along each of these struts."""
-    edges, ground = cast(Members, scene.structure.struts).edges, cast(PenaltyGround, scene.ground)
+    edges, ground = rods_of(scene.structure), cast(PenaltyGround, scene.ground)
     each = tuple(k for k in struts for _ in range(count))
     share = np.tile(np.arange(1, count + 1) / (count + 1), len(struts))
     i, j = (tuple(edges[k][end] for k in each) for end in (0, 1))
@@ -206,7 +208,7 @@ def laws_along(scene: Scene, count: int, struts: tuple[int, ...], radii: np.ndar
 
 
 def radii_along_struts(scene: Scene) -> dict[int, float]:
-    """Radius, m, of each strut that touches the ground between its ends."""
+    """Radius, m, of each strut, or rod of a body, that touches the ground between its ends."""
     capsules = getattr(scene.ground, "capsules", None)
     pairs = [] if capsules is None else [(capsules.struts, capsules.radius)]
     pairs += [(law.points.struts, law.points.radius) for law in scene.terms if isinstance(law, RodContact)]
@@ -256,7 +258,7 @@ def lifted(scene: Scene, q: NodeVectors, depth: float) -> NodeVectors:
             if missing <= within:
                 return q
             q = q + np.array([0.0, 0.0, missing])
-    raise InputError(f"ground: a strut is {missing:.3g} m too deep in it; expected a pose that stands on the ground")
+    raise InputError(f"ground: a rod is {missing:.3g} m too deep in it; expected a pose that stands on the ground")
 
 
 def _touches_along_struts(scene: Scene) -> bool:
@@ -267,15 +269,15 @@ def _touches_along_struts(scene: Scene) -> bool:
 
 def _chosen_struts(scene: Scene, count: int, struts: tuple[int, ...] | None) -> tuple[int, ...]:
     """The struts of `with_contact_along_struts`, which are refused as it says."""
-    members, ground = scene.structure.struts, scene.ground
+    ground = scene.ground
     if not isinstance(ground, PenaltyGround | ExactGround):
         raise InputError("contact along struts needs a ground; expected a scene with penalty or exact contact")
     if not ground.impulsive and scene.friction is not None and not isinstance(scene.friction, SmoothFriction):
         raise InputError(f"friction: {type(scene.friction).__name__} along struts; expected smooth friction, or none")
-    known = range(0 if members is None else len(members.edges))
+    known = range(len(rods_of(scene.structure)))
     chosen = tuple(known) if struts is None else tuple(struts)
-    if members is None or not chosen or not set(chosen) <= set(known) or len(set(chosen)) < len(chosen):
-        raise InputError(f"struts = {list(chosen)}: expected some of the scene's {len(known)}, each once")
+    if not chosen or not set(chosen) <= set(known) or len(set(chosen)) < len(chosen):
+        raise InputError(f"struts = {list(chosen)}: expected some of {len(known)} struts and rods of bodies, each once")
     check_count("count", count, 1)
     had = radii_along_struts(scene)
     if twice := sorted(set(chosen) & set(had)):

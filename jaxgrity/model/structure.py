@@ -23,9 +23,10 @@ from jaxgrity.core.types import (
     as_float,
     as_float_or_none,
 )
-from jaxgrity.model.bodies import Bodies, check_bodies
+from jaxgrity.model.bodies import Bodies
 from jaxgrity.model.body_points import lumped, shared_evenly
 from jaxgrity.model.clusters import Clusters, check_clusters
+from jaxgrity.model.joints import check_bodies
 from jaxgrity.model.motors import Motor
 from jaxgrity.model.pulleys import Pulley, check_pulleys, check_wraps
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Sequence
-from itertools import combinations
 from typing import ClassVar, cast
 
 import jax.numpy as jnp
@@ -19,10 +18,19 @@ from jaxgrity.model.ground import PenaltyGround, contact_dissipation, contact_en
 from jaxgrity.model.laws import Configuration, DissipationTerm, EnergyTerm, ForceLaw, Motion
 from jaxgrity.model.rigid_struts import LARGEST_GAP
 from jaxgrity.model.rod_contact import ground_beside_nodes
+from jaxgrity.model.rods import free_pairs, rods_of
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene, with_terms
-from jaxgrity.model.structure import Members, per_member
-from jaxgrity.model.strut_pairs import DEEP, ExactStrutContact, StrutPairs, difference, known_nearest, overlap
+from jaxgrity.model.structure import Structure, per_member
+from jaxgrity.model.strut_pairs import (
+    DEEP,
+    ExactStrutContact,
+    StrutPairs,
+    difference,
+    known_nearest,
+    overlap,
+    turned_between,
+)
 
 AT_ONCE = 8
 """Default number of pairs that a step solves on exact contact. A robot of six struts has 15, of which few are near."""
@@ -89,11 +97,13 @@ class StrutFriction(ForceLaw):
             return jnp.zeros_like(motion.v)
         share, normal, gap = self.between.nearest(motion.at.q)
         v = difference(self.between.at_ends(motion.v), share)
-        v_n = dot(v, normal)
+        v_n, spun = dot(v, normal), turned_between(scene.structure, self.between, normal, motion.at.q)
         slip, pressed = v - scale(normal, v_n), normal_force(ground, gap, v_n)
+        slip = slip if spun is None else slip + spun @ motion.v
         mu = self.between.mean(scene.friction.mu * jnp.ones_like(motion.v[:, 0]), share)
         speed = jnp.sqrt(dot(slip, slip) + scene.friction.slip_speed**2)
-        return self.between.on_nodes(scale(slip, -mu * pressed / speed), share, nodes)
+        force = scale(slip, -mu * pressed / speed)
+        return self.between.on_nodes(force, share, nodes) + (0.0 if spun is None else spun.T @ force)
 
     def keeps(self, symmetry):
         return self.between.keep(symmetry)
@@ -107,7 +117,7 @@ BETWEEN_STRUTS = StrutContact, StrutContactDissipation, StrutFriction, ExactStru
 def with_contact_between_struts(
     scene: Scene, radius: Scalar | Sequence[float], pairs: Edges | None = None, at_once: int | None = None
 ) -> Scene:
-    """The scene whose struts touch each other.
+    """The scene whose struts, and rods of bodies, touch each other.
 
     Each strut is a capsule: all that is within its radius r of its axis. Two struts touch where their axes come as near
     as r_i + r_j. The force acts along the shortest distance, on the axes. Ends get it by the position of the point.
@@ -117,10 +127,12 @@ def with_contact_between_struts(
       with the scene's mu. Where struts are nearly parallel, each pair has a second point. Struts and contacts are then
       solved together.
 
+    The `rods` of bodies count on after the struts. Those of bodies with four basic points can roll, others slide.
+
     Args:
-        scene: a scene with ground, or with rigid struts; on penalty contact with smooth friction or none.
+        scene: a scene with ground, or without spring struts; on penalty contact with smooth friction or none.
         radius: r, m, of all struts or of each strut; it may differ from the radius of contact with the ground.
-        pairs: numbers of the two struts of each pair; by default all pairs of struts without a common node.
+        pairs: numbers of the two struts of each pair; by default all that no node or body joins.
         at_once: on exact contact, the number of pairs that a step solves: the nearest ones. A motion fails if more
             than that may touch in a step. By default up to 8.
 
@@ -129,7 +141,7 @@ def with_contact_between_struts(
         `ExactStrutContact` (exact contact), among its terms.
 
     Raises:
-        InputError: no struts, or no two without a common node. A radius that is not positive. Pairs that do not exist,
+        InputError: no two struts without a common node. A radius that is not positive. Pairs that do not exist,
             share a node, or come twice. Spring struts without a ground, or another friction law. Struts that overlap at
             the start. A scene that has such contact already.
 
@@ -138,14 +150,13 @@ def with_contact_between_struts(
         >>> scene.terms[0].name, len(scene.terms[0].between.pairs)
         ('exact contact between struts', 15)
     """
-    members, ground = scene.structure.struts, scene.ground
+    members, ground, edges = scene.structure.struts, scene.ground, rods_of(scene.structure)
     if strut_contact(scene) is not None:
         raise InputError("contact between struts: the scene has it already; expected a scene without")
-    chosen = _chosen_pairs(members, pairs)
-    edges = cast(Members, members).edges
-    exact = ground.impulsive if ground is not None else cast(Members, members).rigid
+    chosen = _chosen_pairs(scene.structure, pairs)
+    exact = ground.impulsive if ground is not None else members is None or members.rigid
     if not exact and not isinstance(ground, PenaltyGround):
-        raise InputError("contact between struts has the ground's stiffness; expected a ground, or rigid struts")
+        raise InputError("contact between struts has the ground's stiffness; expected a ground, or no spring struts")
     if not exact and scene.friction is not None and not isinstance(scene.friction, SmoothFriction):
         raise InputError(f"friction: {type(scene.friction).__name__} between struts; expected smooth friction, or none")
     radii = per_member(radius, len(edges), "radius")
@@ -195,22 +206,23 @@ def radius_of_struts(scene: Scene, between: StrutPairs) -> list[float]:
     """Radius of each strut, m; of a strut without a pair that of another one."""
     radii = np.asarray(between.radius, float)
     known = dict(zip(np.array(between.pairs).ravel().tolist(), radii.ravel().tolist()))
-    return [known.get(k, float(radii.flat[0])) for k in range(len(cast(Members, scene.structure.struts).edges))]
+    return [known.get(k, float(radii.flat[0])) for k in range(len(rods_of(scene.structure)))]
 
 
-def _chosen_pairs(struts: Members | None, pairs: Edges | None) -> Edges:
+def _chosen_pairs(structure: Structure, pairs: Edges | None) -> Edges:
     """The pairs of `with_contact_between_struts`, which are refused as it says."""
-    edges = () if struts is None else struts.edges
-    count = len(edges)
-    free = [pair for pair in combinations(range(count), 2) if not set(edges[pair[0]]) & set(edges[pair[1]])]
-    if not free:
-        found = f"contact between struts: the scene's {count} have no two without a common node"
-        raise InputError(f"{found}; expected struts that may touch")
+    edges, free = rods_of(structure), free_pairs(structure)
+    if pairs is None and not free:
+        found = f"contact between struts: the scene's {len(edges)} have no two without a common node"
+        raise InputError(f"{found}; expected struts, or rods of bodies, that may touch")
     if pairs is None:
-        return tuple(free)
+        return free
+    owner = [None] * structure.first_cable + [k for k, body in enumerate(structure.bodies) for _ in body.rods]
     for pair in pairs:
-        if tuple(sorted(pair)) not in free:
-            raise InputError(f"pairs has {list(pair)}: expected two of {count} struts, without a common node")
+        known = pair[0] != pair[1] and set(pair) <= set(range(len(edges)))
+        if not known or set(edges[pair[0]]) & set(edges[pair[1]]) or owner[pair[0]] == owner[pair[1]] is not None:
+            found = f"pairs has {list(pair)}: expected two of {len(edges)} struts and rods of bodies"
+            raise InputError(f"{found}, without a common node, and not of one body")
     if not pairs or len(set(map(frozenset, pairs))) < len(pairs):
         raise InputError(f"pairs = {list(map(list, pairs))}: expected at least one, and each once")
     return tuple(pairs)

@@ -17,6 +17,8 @@ from jaxgrity.core.tracing import evaluated
 from jaxgrity.core.types import AnyArray, Edges, MemberVectors, NodeVectors, PerMember, PerNode, as_float
 from jaxgrity.model.laws import Constraint, Symmetry, rows_on_nodes
 from jaxgrity.model.placing import TOUCHING
+from jaxgrity.model.rods import Carriers, carriers_of, moved_beside
+from jaxgrity.model.structure import Structure
 
 PARALLEL = 0.75
 """Power of the precision, the square of the sine of the angle below which segments count as parallel (1e-6 rad in
@@ -41,10 +43,10 @@ class NearestPoints(NamedTuple):
 
 
 class StrutPairs(eqx.Module):
-    """Pairs of struts that may touch."""
+    """Pairs of struts, or rods of bodies, that may touch."""
 
     pairs: Edges = eqx.field(static=True)
-    """numbers of both struts of each pair"""
+    """numbers of both struts of each pair, as in `rods.py`"""
     ends: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     """nodes: both ends of each first strut, then of each second"""
     radius: AnyArray = eqx.field(converter=as_float)
@@ -82,16 +84,18 @@ class StrutPairs(eqx.Module):
         return (each[0] + each[1] + each[2] + each[3]) / 2
 
     def names(self, what: str) -> tuple[str, ...]:
-        return tuple(f"{what} struts {i} and {j}" for i, j in self.pairs)
+        return tuple(f"{what} rods {i} and {j}" for i, j in self.pairs)
 
     def times(self, factors: AnyArray) -> "StrutPairs":
         return eqx.tree_at(lambda p: p.strength, self, self.strength * factors)
 
     def keep(self, symmetry: Symmetry) -> bool:
         """Whether the symmetry maps pairs on pairs with the same radii."""
-        radii = [dict(zip(pair, map(float, radius))) for pair, radius in zip(self.pairs, np.asarray(self.radius))]
-        moved = [{symmetry.members[strut]: radius for strut, radius in each.items()} for each in radii]
-        return all(each in radii for each in moved)
+        radii = np.asarray(self.radius, float).tolist()
+        rows = [(ends[:2], r, ends[2:], s) for ends, (r, s) in zip(zip(*self.ends), radii)]
+        there = {frozenset([(frozenset(a), r), (frozenset(b), s)]) for a, r, b, s in rows}
+        moved = lambda ends: frozenset(symmetry.nodes[k] for k in ends)  # noqa: E731
+        return all(frozenset([(moved(a), r), (moved(b), s)]) in there for a, r, b, s in rows)
 
 
 def weights(share: Share) -> tuple[PerMember, PerMember, PerMember, PerMember]:
@@ -104,6 +108,23 @@ def difference(ends: Ends, share: Share) -> MemberVectors:
     """x - y at these places."""
     i, j, k, l = (scale(x, w) for x, w in zip(ends, weights(share)))  # noqa: E741
     return (i + k) + (j + l)
+
+
+def turned_between(
+    structure: Structure, between: StrutPairs, normal: MemberVectors, q: NodeVectors, rows: AnyArray | None = None
+) -> AnyArray | None:
+    """(pairs, nodes): the weights of nodes in the motion of the surfaces at x and y against each other, beside x - y.
+
+    `rows`: the numbers of the pairs; by default all. None: none of the struts turns with a body.
+    """
+    each = [carriers_of(structure, rods) for rods in zip(*between.pairs)]
+    if not any(carriers.turns.any() for carriers in each):
+        return None
+    radius = jnp.asarray(between.radius, q.dtype)
+    if rows is not None:
+        radius, each = radius[rows], [Carriers(*(jnp.asarray(x)[rows] for x in carriers)) for carriers in each]
+    first, second = (moved_beside(carriers, -r[:, None] * normal, q) for carriers, r in zip(each, radius.T))
+    return first + second
 
 
 def candidates(ends: Ends) -> tuple[list[Share], AnyArray]:
@@ -170,7 +191,7 @@ class ExactStrutContact(Constraint):
 def overlap(between: StrutPairs, q: np.ndarray, part: int) -> str:
     """Words for how deep the struts of a pair are in each other at q, m."""
     (i, j), depth = between.pairs[part], -known_nearest(between, q).gap[part]
-    return f"struts {i} and {j} start {depth:.3g} m in each other; expected: beside each other, by their radii"
+    return f"rods {i} and {j} start {depth:.3g} m in each other; expected: beside each other, by their radii"
 
 
 def known_nearest(between: StrutPairs, q: np.ndarray) -> NearestPoints:

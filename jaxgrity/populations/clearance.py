@@ -8,23 +8,24 @@ from jaxgrity.core.arguments import check_count
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import PerMember
 from jaxgrity.model.rod_contact import radii_along_struts
+from jaxgrity.model.rods import rods_of
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.simulate import Trajectory, check_frames
 
 
 @typed
 def rod_depths(scene: Scene, trajectory: Trajectory, points: int = 15) -> PerMember:
-    """Largest depth of each strut in the ground between its nodes, along a motion.
+    """Largest depth of each strut, and rod of a body, in the ground between its nodes, along a motion.
 
-    A strut that touches the ground between its ends has the radius with which it does; any other is a line.
+    A rod that touches the ground between its ends has the radius with which it does; any other is a line.
 
     Args:
         scene: the scene of the motion.
         trajectory: the motion; its saved frames are checked.
-        points: number of checked points per strut, evenly spaced between its nodes.
+        points: number of checked points per rod, evenly spaced between its nodes.
 
     Returns:
-        (struts,), m; 0 for a strut that stays above the ground.
+        (rods,), m, struts first, then the `rods` of bodies; 0 for a rod that stays above the ground.
 
     Raises:
         InputError: less than one point.
@@ -37,10 +38,10 @@ def rod_depths(scene: Scene, trajectory: Trajectory, points: int = 15) -> PerMem
     """
     check_count("points", points, 1)
     check_frames(scene, trajectory)
-    struts, ground = scene.structure.struts, scene.ground
-    if struts is None or ground is None:
-        return np.zeros(0 if struts is None else len(struts.edges))
-    i, j = np.array(struts.edges).T
+    rods, ground = rods_of(scene.structure), scene.ground
+    if not rods or ground is None:
+        return np.zeros(len(rods))
+    i, j = np.array(rods).T
     q = np.asarray(trajectory.positions, float)[:, :, None]
     if ground.offset is not None:
         q = q - np.asarray(ground.offset, float)

@@ -16,10 +16,12 @@ from jaxgrity.core.primitives import edge_vectors
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, as_float_or_none, namespace_of
 from jaxgrity.model.actuation import Gait, waves_ahead
+from jaxgrity.model.bodies import with_factors
 from jaxgrity.model.force_laws import check_linear
 from jaxgrity.model.pulleys import path_lengths
-from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.structure import Structure
+from jaxgrity.populations.other_ground import moved_ground, tilted_up
 
 DIFFERING: dict[str, tuple[str, ...]] = {
     "friction": ("friction.mu", "friction.mu_static", "friction.mu_kinetic"),
@@ -35,14 +37,17 @@ ROWS: dict[str, tuple] = {
     "friction": (),
     "strut_rest_length": ("struts",),
     "node_mass": ("nodes",),
+    "body_mass": ("bodies",),
     "up": (3,),
     "terrain": (3,),
     "positions": ("nodes", 3),
     "velocities": ("nodes", 3),
 }
 """The shape of a robot's row of each of the `Differences`; ("cables",) for others."""
-PLACED = {"up": "up", "terrain": "ground.offset"}
+PLACED = {"up": "up", "terrain": "ground.offset", "positions": "structure.nodes"}
 """Parts of a scene that other `Differences` replace."""
+OF_NODES = {"body_mass": "node_mass"}
+"""The `Differences` whose half-width is that of nodes."""
 
 
 def _numbers() -> Any:
@@ -73,17 +78,20 @@ class Differences(eqx.Module):
     """shift of the ground's surface, m"""
     strut_rest_length: Float[AnyArray, "*population struts"] | None = _numbers()
     """factor of the rest length; with rigid struts, `positions` must fit it"""
+    body_mass: Float[AnyArray, "*population bodies"] | None = _numbers()
+    """factor of mass and inertia of each rigid body"""
 
     def __check_init__(self):
         for name in DIFFERING:
             check_each(f"differences.{name}", getattr(self, name), least=0.0)
+        check_each("differences.body_mass", self.body_mass, above=0.0)
         for row in self.up.reshape(-1, 3) if isinstance(self.up, np.ndarray) and self.up.shape[-1:] == (3,) else ():
             check_unit_vector("differences.up", row)
 
     def check(self, scene: Scene, robots: int) -> None:
         """Raises `InputError` where these are not the differences of that number of robots of the scene."""
         structure = scene.structure
-        sizes = {"nodes": len(structure.nodes), "struts": 0, "cables": 0}
+        sizes = {"nodes": len(structure.nodes), "bodies": len(structure.bodies), "struts": 0, "cables": 0}
         sizes |= {name: len(members.edges) for name, members, _ in structure.numbered}
         for name, value in vars(self).items():
             expected = (robots, *(sizes.get(size, size) for size in ROWS.get(name, ("cables",))))
@@ -109,8 +117,9 @@ def differing(scene: Scene, differences: Differences | None) -> Scene:
     for name, value in found.items():
         if value is None or name == "velocities":
             continue
-        if name == "positions":
-            scene = eqx.tree_at(lambda s: s.structure.nodes, scene, value)
+        if name == "body_mass":
+            bodies = tuple(with_factors(body, f, f) for body, f in zip(scene.structure.bodies, value))
+            scene = eqx.tree_at(lambda s: s.structure.bodies, scene, bodies)
             continue
         if name in PLACED:
             scene = eqx.tree_at(partial(part_of, path=PLACED[name]), scene, value, is_leaf=lambda x: x is None)
@@ -162,7 +171,8 @@ class Uncertainty(eqx.Module):
     prestress: float = eqx.field(static=True, default=0.0)
     """half-width of the cable tension in the given shape, as a fraction; one value for all cables of a robot"""
     node_mass: float = eqx.field(static=True, default=0.0)
-    """half-width of the mass of each node, as a fraction; masses of members and bodies are exact"""
+    """half-width of the mass of each node, and of mass and inertia of each rigid body, as a fraction; masses of members
+    are exact"""
     slope: float = eqx.field(static=True, default=0.0)
     """largest extra slope of the ground, in a random direction, rad"""
     terrain: float = eqx.field(static=True, default=0.0)
@@ -200,12 +210,12 @@ def ensemble(
         _modelled(scene, name)
     dtype, (size, actuators) = gaits.phase.dtype, gaits.phase.shape
     rows = count if common else count * size
-    between = _uniform(key, asked, actuators, len(scene.structure.nodes), -(-rows // 2), dtype)
+    between = _uniform(key, asked, actuators, scene.structure, -(-rows // 2), dtype)
     xp = namespace_of(gaits.phase)
     precise = float if xp is np else dtype  # NumPy rounds once, at the end
 
     def draw(name: str):
-        half = np.asarray(getattr(uncertainty, name), dtype) * xp.asarray(between[name], precise)
+        half = np.asarray(getattr(uncertainty, OF_NODES.get(name, name)), dtype) * xp.asarray(between[name], precise)
         return xp.concatenate([half, -half])[:rows]
 
     def each(drawn):
@@ -220,7 +230,7 @@ def ensemble(
         many = eqx.tree_at(lambda g: g.amplitude, many, many.amplitude * each((1 + draw("actuation")).astype(dtype)))
     if uncertainty.prestress:
         check_linear(scene, 1 + uncertainty.prestress, f"uncertainty.prestress = {uncertainty.prestress:g}")
-    found = _differences(key, scene, {name: draw(name) for name in asked}, dtype)
+    found = _differences(key, scene, {name: draw(name) for name in between}, dtype)
     return many, Differences(**{name: each(drawn) for name, drawn in found.items()})
 
 
@@ -242,7 +252,7 @@ def check_strokes(amplitude: AnyArray | float, uncertainty: Uncertainty) -> None
 
 def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype) -> dict[str, AnyArray]:
     """The fields of `Differences` from the draws, a row for each robot."""
-    found = {name: (1 + drawn[name]).astype(dtype) for name in drawn if name in ("friction", "node_mass")}
+    found = {name: (1 + drawn[name]).astype(dtype) for name in drawn if name in ("friction", "node_mass", "body_mass")}
     if "cable_stiffness" in drawn:
         factors = (1 + drawn["cable_stiffness"]).astype(dtype)
         found["cable_stiffness"] = factors.repeat(len(part_of(scene, "structure.cables").edges), axis=1)
@@ -251,9 +261,9 @@ def _differences(key, scene: Scene, drawn: dict[str, AnyArray], dtype: np.dtype)
     if "slope" in drawn:
         if scene.up is not None:
             raise InputError("slope: scene.up leans already; expected a scene with ground.incline")
-        found["up"] = _leaning(jax.random.fold_in(_keys(key)["slope"], 1), drawn["slope"].astype(dtype))
+        found["up"] = tilted_up(jax.random.fold_in(_keys(key)["slope"], 1), drawn["slope"].astype(dtype))
     if "terrain" in drawn:
-        found["terrain"] = _moved_ground(scene, drawn["terrain"].astype(dtype))
+        found["terrain"] = moved_ground(scene, drawn["terrain"].astype(dtype))
     return found
 
 
@@ -263,13 +273,16 @@ def _keys(key) -> dict[str, AnyArray]:
 
 
 def _uniform(
-    key, asked: tuple[str, ...], actuators: int, nodes: int, pairs: int, dtype: np.dtype
+    key, asked: tuple[str, ...], actuators: int, structure: Structure, pairs: int, dtype: np.dtype
 ) -> dict[str, Float[AnyArray, "pairs ..."]]:
     """Uniform numbers between -1 and 1 for some quantities, for each pair of robots."""
-    numbers: dict[str, tuple[int, ...]] = {"phase": (actuators,), "actuation": (actuators,), "node_mass": (nodes,)}
+    numbers: dict[str, tuple[int, ...]] = {"phase": (actuators,), "actuation": (actuators,)}
     numbers |= {"cable_stiffness": (1,), "prestress": (1,), "friction": (), "slope": (), "terrain": (2,)}
+    numbers |= {"node_mass": (len(structure.nodes),), "body_mass": (len(structure.bodies),)}
     keys = _keys(key)
-    return {name: draws.uniform(keys[name], (pairs, *numbers[name]), dtype, -1.0, 1.0) for name in asked}
+    keys["body_mass"] = jax.random.fold_in(keys["node_mass"], 1)
+    more = tuple(name for name, of in OF_NODES.items() if of in asked and structure.bodies)
+    return {name: draws.uniform(keys[name], (pairs, *numbers[name]), dtype, -1.0, 1.0) for name in asked + more}
 
 
 def slackened(scene: Scene, share: AnyArray) -> AnyArray:
@@ -277,24 +290,3 @@ def slackened(scene: Scene, share: AnyArray) -> AnyArray:
     _modelled(scene, "cable_rest_length")
     cables, nodes = part_of(scene, "structure.cables"), jnp.asarray(scene.structure.nodes, share.dtype)
     return 1 - share * (path_lengths(cables, edge_vectors(nodes, cables.edges), nodes) / cables.rest_length - 1)
-
-
-def _leaning(key, lean: AnyArray) -> AnyArray:
-    """(robots, 3): unit vectors against gravity, tilted by an angle (robots,), rad; a pair leans in one direction."""
-    heading = draws.uniform(key, (-(-len(lean) // 2),), lean.dtype, 0.0, 2 * np.pi)
-    heading = jnp.concatenate([heading, heading])[: len(lean)]
-    return jnp.stack([jnp.sin(lean) * jnp.cos(heading), jnp.sin(lean) * jnp.sin(heading), jnp.cos(lean)], 1)
-
-
-def _moved_ground(scene: Scene, moved: AnyArray) -> AnyArray:
-    """(robots, 3), m: the surface's place, moved by (robots, 2), and up or down: starts stay as high above it."""
-    ground = scene.ground
-    if ground is None or ground.surface is None:
-        raise InputError("terrain: robots cannot differ in it, since there is a plane or no ground; expected a surface")
-    if ground.balls is not None or radii_along_struts(scene):
-        what = "balls" if ground.balls is not None else "contact along struts"
-        raise InputError(f"terrain: robots with {what} would start in the ground; expected terrain = 0, or no {what}")
-    own = jnp.asarray(np.zeros(3) if ground.offset is None else ground.offset, moved.dtype)
-    x, y, z = jnp.asarray(scene.structure.nodes, moved.dtype).T - own[:, None]
-    above, there = (z - ground.surface.height(*at) for at in ((x, y), (x - moved[:, :1], y - moved[:, 1:])))
-    return own + jnp.concatenate([moved, (there.min(1) - above.min())[:, None]], axis=1)

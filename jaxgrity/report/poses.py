@@ -11,6 +11,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Times
 from jaxgrity.model.rigidity import lines_between_points
 from jaxgrity.model.rod_contact import radii_along_struts
+from jaxgrity.model.rods import rods_of
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.slides import slides_of
@@ -106,7 +107,7 @@ def robot_poses(scene: Scene, trajectory: Trajectory, frame_rate: float, offset:
     return RobotPoses(
         np.asarray(trajectory.times, float),
         _bars(all_edges(scene.structure), q, radius),
-        _bars(lines_between_points(scene.structure.bodies), q, STRUT_RADIUS * size),
+        _bars(lines_between_points(scene.structure.bodies), q, _body_radii(scene, size)),
         _sleeves(scene, q, size),
         colours,
         q,
@@ -163,6 +164,14 @@ def _member_looks(scene: Scene, tension: np.ndarray, size: float) -> tuple[np.nd
     thick = [own.get(k, 0.0) or STRUT_RADIUS * size for k in range(struts)]
     radius = np.concatenate([np.broadcast_to(thick, (len(pull), struts)), thin], axis=1)
     return radius, np.round(255 * colours).astype(np.uint8), largest
+
+
+def _body_radii(scene: Scene, size: float) -> np.ndarray:
+    """Radius, m, of each line between points of a body: that with which it touches, if it does."""
+    own, rods = radii_along_struts(scene), rods_of(scene.structure)
+    thick = {frozenset(rods[k]): radius for k, radius in own.items()}
+    lines = lines_between_points(scene.structure.bodies)
+    return np.array([thick.get(frozenset(line), 0.0) or STRUT_RADIUS * size for line in lines])
 
 
 def _support(scene: Scene, q: np.ndarray, moved: np.ndarray) -> np.ndarray:

@@ -82,7 +82,7 @@ class Fitness(eqx.Module):
 def masses_and_lengths(scene: Scene, gaits: Gait, differences: Differences | None) -> tuple[float | AnyArray, AnyArray]:
     """Mass, kg, and rest lengths of the actuated members, m, of the scene's robot, or of each that differs in them."""
     told = lambda robot: (robot.mass, actuated_lengths(robot, gaits.members))  # noqa: E731
-    counts = ("node_mass", "cable_rest_length", "strut_rest_length")
+    counts = ("node_mass", "body_mass", "cable_rest_length", "strut_rest_length")
     own = None if differences is None else Differences(**{name: getattr(differences, name) for name in counts})
     if not jax.tree.leaves(own):
         return told(scene.structure)

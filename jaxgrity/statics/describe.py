@@ -72,7 +72,10 @@ def _describe_ground(scene: Scene) -> list[tuple[str, str]]:
     else:
         touch = []
     if radii := radii_along_struts(scene):
-        touch.append(("contact along", f"{len(radii)} struts of radius {_span(list(radii.values()), 'm')}"))
+        struts = sum(k < scene.structure.first_cable for k in radii)
+        kinds = {"struts": struts, "rods of bodies": len(radii) - struts}
+        which = " and ".join(f"{count} {kind}" for kind, count in kinds.items() if count)
+        touch.append(("contact along", f"{which} of radius {_span(list(radii.values()), 'm')}"))
     if scene.ground.surface is not None:
         return [*touch, ("ground", ", ".join(type(solid).__name__.lower() for solid in scene.ground.surface.solids))]
     incline = np.degrees(scene.ground.incline)

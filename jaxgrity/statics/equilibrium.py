@@ -17,11 +17,11 @@ from jaxgrity.core.primitives import edge_vectors, length
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors
-from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.rigidity import linked
+from jaxgrity.model.body_points import following, independent_nodes
+from jaxgrity.model.rigidity import linked, rigid_lengths, rigid_pairs
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.slides import lines_at, slides_of
-from jaxgrity.model.springs import check_no_bodies, largest_force, largest_stiffness, smallest_stiffness
+from jaxgrity.model.springs import largest_force, largest_stiffness, smallest_stiffness
 from jaxgrity.statics.spring_struts import stiffness_around, with_spring_struts
 from jaxgrity.statics.stiffness import coordinate_map, factor_if_definite, free_coordinates, tangent_of
 
@@ -114,38 +114,39 @@ def resting_shape(
 def equilibrium_near(scene: Scene, shape: NodeVectors, loads: NodeVectors | None = None) -> NodeVectors:
     """The equilibrium close to `shape`, m, differentiable with respect to `loads`, N, and everything in the scene.
 
-    A stationary point of U(q, 0) - sum f·x + sum lambda c, with a multiplier for every rigid strut, whose c is l - L,
-    and two for every sliding node, whose c are its distances from its line. Newton's method (optimistix) finds it, and
+    A stationary point of U(q, 0) - sum f·x + sum lambda c, with a multiplier for every rigid strut, and every pair of
+    basic points of a rigid body, whose c is l - L, and two for every sliding node, whose c are its distances from its
+    line. Other points of bodies follow. Newton's method (optimistix) finds it, and
     the derivatives are those of the implicit function theorem: dq/dp = -K^-1 d2U/dq dp without multipliers. Where rigid
     motions make K singular, the least squares solution is taken. `shape` comes from `resting_shape` and is held
     constant; so are supported coordinates. NaN where Newton's method does not converge. K
     is dense: some hundred nodes at most. float64 is needed.
     """
-    check_no_bodies(scene.structure, "equilibrium_near")
-    near = jax.lax.stop_gradient(jnp.asarray(shape))
-    free = free_coordinates(len(near), scene.structure.supported)
+    near, bodies = jax.lax.stop_gradient(jnp.asarray(shape)), scene.structure.bodies
+    follow = np.isin(np.arange(len(near)), independent_nodes(bodies, len(near)), invert=True)
+    free = free_coordinates(len(near), scene.structure.supported | follow[:, None])
     # U by the largest stiffness: one tolerance in metres then suits soft cables and stiff struts
     size = jax.lax.stop_gradient(largest_stiffness(scene.structure))
 
-    def placed(x):
-        return near.ravel().at[free].set(x[: len(free)]).reshape(near.shape)
+    def placed(x, bodies):
+        return following(bodies, near.ravel().at[free].set(x[: len(free)]).reshape(near.shape))
 
-    struts, slides = scene.structure.struts, slides_of(scene)
+    pairs, slides = rigid_pairs(scene), slides_of(scene)
     across = None if slides is None else lines_at(slides, near).across.reshape(-1, 2, 3)
 
     def lagrangian(x, given):
-        (scene, pull), q, multiplier = given, placed(x), x[len(free) :]
+        (scene, pull), multiplier = given, x[len(free) :]
+        q = placed(x, scene.structure.bodies)
         work = 0.0 if pull is None else jnp.sum(pull * q)
         energy = (scene.potential_energy(q, 0.0) - work) / size
         gaps = []
-        if (struts := scene.structure.struts) is not None and struts.rigid:
-            gaps.append(length(edge_vectors(q, struts.edges)) - rest_length(struts, scene.gait, 0.0, 0))
+        if pairs:
+            gaps.append(length(edge_vectors(q, pairs)) - rigid_lengths(scene, 0.0))
         if slides is not None:
             gaps.append(jnp.einsum("skx,sx->sk", across, slides.offsets(q)).ravel())
         return energy + multiplier @ jnp.concatenate(gaps) if gaps else energy
 
-    multipliers = len(struts.edges) if struts is not None and struts.rigid else 0
-    multipliers += 0 if slides is None else 2 * len(slides.nodes)
+    multipliers = len(pairs) + (0 if slides is None else 2 * len(slides.nodes))
     start = jnp.concatenate([near.ravel()[free], jnp.zeros(multipliers)])
     least_squares = lx.SVD(rcond=1e-9)
     solver: optx.Newton = optx.Newton(rtol=1e-9, atol=1e-9, linear_solver=least_squares)
@@ -153,7 +154,7 @@ def equilibrium_near(scene: Scene, shape: NodeVectors, loads: NodeVectors | None
     found: optx.Solution = optx.root_find(
         jax.grad(lagrangian), solver, start, (scene, loads), adjoint=adjoint, throw=False, max_steps=50
     )
-    return jnp.where(found.result == optx.RESULTS.successful, placed(found.value), jnp.nan)
+    return jnp.where(found.result == optx.RESULTS.successful, placed(found.value, bodies), jnp.nan)
 
 
 class _Here(NamedTuple):

@@ -11,6 +11,7 @@ from jaxgrity.core.primitives import length
 from jaxgrity.core.types import AnyArray, MemberVectors, NodeVectors, PerMember, Scalar, State
 from jaxgrity.model.capsules import Capsules, Nearest, nearest
 from jaxgrity.model.ground import ExactGround
+from jaxgrity.model.rods import turned
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.surface import Surface, frame_about, frame_axes
@@ -136,16 +137,22 @@ def of_points(touching: TouchingPoints, capsules: Capsules, x: NodeVectors) -> M
     return x[i] + touching.share[:, None] * (x[j] - x[i])
 
 
-def weights_of(touching: TouchingPoints, capsules: Capsules, nodes: int) -> AnyArray:
-    """(points, nodes): the share that each node has in the motion of a point."""
+def weights_of(scene: Scene, touching: TouchingPoints, q: NodeVectors) -> tuple[AnyArray, AnyArray]:
+    """(points, nodes) each: the share that each node has in the motion of a point of the axis, and of the surface."""
+    capsules = cast(Capsules, capsules_of(scene))
     (i, j), rows = ends_of(capsules), np.arange(len(touching.share))
-    none = jnp.zeros((len(rows), nodes), touching.share.dtype)
-    return none.at[rows, i].set(1 - touching.share).at[rows, j].set(touching.share)
+    none = jnp.zeros((len(rows), len(q)), touching.share.dtype)
+    axis = none.at[rows, i].set(1 - touching.share).at[rows, j].set(touching.share)
+    each = np.repeat(np.arange(len(capsules.struts)), 2 * capsules.parts)
+    arms = -jnp.asarray(capsules.radius, q.dtype)[each, None] * frame_axes(touching.met.frame)[:, 0]
+    spun = turned(scene.structure, [capsules.struts[k] for k in each], arms, q)
+    return axis, axis if spun is None else axis + spun
 
 
 def on_ends(scene: Scene, h: Scalar, start: State, impulses: AnyArray) -> list[NodeVectors]:
     """The `impulses` of the ground on the points, (points, 3), N s, on nodes: along the normal and both tangents."""
     touching = touching_points(scene, h, start)
-    weights = weights_of(touching, cast(Capsules, capsules_of(scene)), len(start[0]))
+    axis, surface = weights_of(scene, touching, start[0])
     axes = frame_axes(touching.met.frame)
-    return [weights.T @ (impulses[:, k, None] * axes[:, k]) for k in range(3)]
+    each = enumerate((axis, surface, surface))
+    return [weights.T @ (impulses[:, k, None] * axes[:, k]) for k, weights in each]

@@ -214,7 +214,7 @@ def known_at(scene: Scene, h: Scalar, state: State, touching: TouchingStruts) ->
         contact = contact._replace(closing=contact.closing - jnp.sum(frame[:, 0] * back, axis=1))
     weights = _weights_of_nodes(scene, q, frame)
     if contact is not None and touching.ground is not None:
-        contact, frame, weights = _and_struts(scene, h, v, touching.ground, contact, frame, weights)
+        contact, frame, weights = _and_struts(scene, h, (q, v), touching.ground, contact, frame, weights)
     if touching.each_other is not None:
         contact = Contact(jnp.zeros(0, q.dtype), None, None, least) if contact is None else contact
         contact, frame, weights = _and_between(scene, h, touching.each_other, contact, frame, weights)
@@ -250,7 +250,7 @@ def _met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Met:
 def _and_struts(
     scene: Scene,
     h: Scalar,
-    v: NodeVectors,
+    start: State,
     touching: TouchingPoints,
     contact: Contact,
     frame: AnyArray,
@@ -258,7 +258,7 @@ def _and_struts(
 ) -> tuple[Contact, AnyArray, AnyArray]:
     """The contacts of nodes, or balls, and after them those of struts between their ends."""
     ground, capsules, size = cast(ExactGround, scene.ground), cast(Capsules, capsules_of(scene)), length_scale(scene)
-    nodes, (i, j) = len(v), ends_of(capsules)
+    (q, v), (i, j) = start, ends_of(capsules)
     closing = closing_speed(ground, size, h, of_points(touching, capsules, v), touching.met)
     moves = touching.found & np.asarray(scene.structure.free.any(1))[[i, j]].any(0)
     # arrays keep their shapes: a point that is not there, or cannot move, is so far away that no step closes its gap
@@ -267,8 +267,8 @@ def _and_struts(
     if each is not None and each.ndim:
         mu = jnp.concatenate([jnp.asarray(mu), each[i] + touching.share * (each[j] - each[i])])
     contact = contact._replace(closing=jnp.concatenate([contact.closing, closing]), mu=mu)
-    more = on_independent(scene, weights_of(touching, capsules, nodes))
-    return contact, *_with_points(frame, weights, frame_axes(touching.met.frame), more)
+    more = weights_of(scene, touching, q)
+    return contact, *_with_points(scene, frame, weights, frame_axes(touching.met.frame), more)
 
 
 def _and_between(
@@ -280,13 +280,14 @@ def _and_between(
     if scene.friction is not None and jnp.ndim(each := jnp.asarray(scene.friction.sliding_mu)):
         mu = jnp.concatenate([jnp.asarray(mu), jnp.abs(between.weights) @ each / 2])
     contact = contact._replace(closing=jnp.concatenate([contact.closing, closing.astype(frame.dtype)]), mu=mu)
-    return contact, *_with_points(frame, weights, between.axes, on_independent(scene, between.weights))
+    return contact, *_with_points(scene, frame, weights, between.axes, (between.weights, between.surface))
 
 
 def _with_points(
-    frame: AnyArray, weights: AnyArray | None, axes: AnyArray, more: AnyArray
+    scene: Scene, frame: AnyArray, weights: AnyArray | None, axes: AnyArray, more: tuple[AnyArray, AnyArray]
 ) -> tuple[AnyArray, AnyArray]:
-    """Frames and weights, with those of points that move by `more` of the nodes."""
+    """Frames and weights, with those of points that move by `more` of the nodes: along the normal, and tangents."""
+    axis, surface = (on_independent(scene, each) for each in more)
     if weights is None:
-        weights = jnp.stack([jnp.eye(more.shape[1], dtype=frame.dtype)[: len(frame)]] * 3, axis=1)
-    return jnp.concatenate([frame, axes]), jnp.concatenate([weights, jnp.stack([more] * 3, axis=1)])
+        weights = jnp.stack([jnp.eye(axis.shape[1], dtype=frame.dtype)[: len(frame)]] * 3, axis=1)
+    return jnp.concatenate([frame, axes]), jnp.concatenate([weights, jnp.stack([axis, surface, surface], axis=1)])

@@ -29,17 +29,20 @@ from jaxgrity.stepping.ground_response import Contact, ground_impulse
 NORMAL = (1.0, 0.0, 0.0)
 """The direction of the normal in components along normal and tangents."""
 NEWTON = 12
-"""Most iterations of Newton's method in a row, before the other method takes over."""
+"""Most iterations of Newton's method in a row, before another method takes over."""
 SPLITTINGS = 50
-"""Iterations of the alternating direction method in a row, after Newton's method has failed."""
+"""Iterations of the alternating direction method in a row, after Newton's method has failed twice."""
 PENALTY_KEPT = 10
 """Iterations of that method between changes of its penalty: each change costs the inverse of a matrix."""
 ROUNDS = 20
-"""Most rounds of both methods in turn, after Newton's method has failed for the first time."""
-RIDGE = 0.75
-"""Power of the rounding error that is added to the diagonal of sticking contacts. A body that rests on more contacts
-than it has motions makes their matrix singular. A smaller ridge lets rounding errors through, a larger one costs
-iterations."""
+"""Most rounds of these methods, after Newton's method has failed for the first time."""
+RIDGE, LEAST_RIDGE = 0.75, 1e-8
+"""Power of the rounding error that is added to the diagonal of sticking contacts, and the least that is added. A body
+that rests on more contacts than it has motions makes their matrix singular. With a smaller ridge Newton's steps lead
+far away, a larger one costs iterations."""
+DAMPED, EASED, LONG = 1e-3, 100.0, 2
+"""Ridge after a step of damped iterations that did not go well; the factor by which it then grows further, or shrinks
+after one that went well; and the number of lengths, the largest ones, at which a step did."""
 NEAREST = 8
 """Number of contacts that a step of twice as many or more solves first: those nearest to the ground. Most robots stand
 on fewer. A step with 20 contacts then costs a fifth (measured)."""
@@ -101,10 +104,11 @@ def solve_contacts(problem: ContactProblem, start: AnyNodeVectors) -> Solved:
     def again(state):
         best, splitting, count = state
         # loops, for what is done in some rounds alone: a condition would do it in all, in a population
-        splitting = _repeat(count == 1, 1, lambda s: _prepared(problem, s), splitting)
-        splitting = _repeat(count > 0, SPLITTINGS // PENALTY_KEPT, lambda s: _split(problem, s), splitting)
+        splitting = _repeat(count == 2, 1, lambda s: _prepared(problem, s), splitting)
+        splitting = _repeat(count > 1, SPLITTINGS // PENALTY_KEPT, lambda s: _split(problem, s), splitting)
         near = splitting.impulse - problem.b - applied(problem.G, splitting.impulse)
-        found = _newton(problem, jnp.where(count == 0, start, near))
+        # where plain iterations jump to and fro between corners of P, damped ones come nearer; and the reverse
+        found = _newton(problem, jnp.where(count < 2, start, near), damped=count % 2 == 1)
         # neither method comes nearer in every round
         better = found.error < best.error
         best = jax.tree.map(lambda new, old: jnp.where(better, new, old), found, best)
@@ -150,12 +154,16 @@ def _repeat(whether: AnyArray, times: int, step: Callable, state: "_Splitting") 
     return while_any(lambda c: c[0] < last, lambda c: (c[0] + 1, step(c[1])), (0 * last, state))[1]
 
 
-def _newton(problem: ContactProblem, start: AnyNodeVectors) -> Solved:
-    """Newton's method on H, each step with the length of least |H|; the best of all points."""
+def _newton(problem: ContactProblem, start: AnyNodeVectors, damped: AnyArray) -> Solved:
+    """Newton's method on H, each step with the length of least |H|; the best of all points.
+
+    If no length leaves less, the whole step is made: it often leads past a corner of P. In `damped` iterations none is
+    made then, and after short steps a larger ridge turns the next one.
+    """
     (nodes, _, *many), size = start.shape, 3 * len(start)
     one, each = for_many(np.eye(size), start[0, 0]), for_many(np.eye(nodes), start[0, 0])
     lengths = for_many(0.5 ** np.arange(HALVINGS), start)
-    ridge = jnp.finfo(start.dtype).eps ** RIDGE
+    smallest = jnp.asarray(max(float(jnp.finfo(start.dtype).eps) ** RIDGE, LEAST_RIDGE), start.dtype)
 
     def error(z):
         return jnp.max(jnp.abs(missed(problem, z)) / problem.root_mass[:, None], axis=(0, 1))
@@ -165,11 +173,11 @@ def _newton(problem: ContactProblem, start: AnyNodeVectors) -> Solved:
         return contracted("na,na->", left, left)
 
     def going(state):
-        best, _, count = state
+        best, *_, count = state
         return (best.error > problem.tolerance) & (count < NEWTON)
 
     def step(state):
-        best, z, count = state
+        best, z, ridge, count = state
         left = missed(problem, z)
         slope = _slope(problem.contact, z)
         through = contracted("inb,nbc->inc", problem.G.reshape(size, nodes, 3, *many), slope).reshape(size, size, *many)
@@ -178,15 +186,19 @@ def _newton(problem: ContactProblem, start: AnyNodeVectors) -> Solved:
         change = -solution(one - (1 - ridge) * blocks + through, left.reshape(size, *many)).reshape(z.shape)
         tries = z + change * lengths
         rests = jax.vmap(rest)(tries)
-        # at a corner of P no step leaves less: the whole one often leads past it
-        least, z = rest(z), tries[0]
-        for tried, more in zip(tries, rests):
-            z, least = jnp.where(more < least, tried, z), jnp.where(more < least, more, least)
+        least, z, well = rest(z), jnp.where(damped, z, tries[0]), ~damped
+        for number, (tried, more) in enumerate(zip(tries, rests)):
+            less = more < least
+            z, least, well = (
+                jnp.where(less, *x) for x in ((tried, z), (more, least), (~damped | (number < LONG), well))
+            )
         now = Solved(z, error(z))
-        return jax.tree.map(lambda new, old: jnp.where(now.error < best.error, new, old), now, best), z, count + 1
+        best = jax.tree.map(lambda new, old: jnp.where(now.error < best.error, new, old), now, best)
+        ridge = jnp.where(well, jnp.maximum(ridge / EASED, smallest), jnp.clip(EASED * ridge, DAMPED, 1))
+        return best, z, ridge, count + 1
 
-    none = jnp.zeros(many, int)
-    return while_any(going, step, (Solved(start, error(start)), start, none))[0]
+    first = Solved(start, error(start)), start, jnp.full(many, smallest), jnp.zeros(many, int)
+    return while_any(going, step, first)[0]
 
 
 def _slope(contact: Contact, z: AnyNodeVectors) -> AnyArray:

@@ -12,7 +12,16 @@ from jaxgrity.core.types import AnyArray, NodeVectors, PerMember, Scalar, State
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.strut_contact import exact_strut_contact
-from jaxgrity.model.strut_pairs import Ends, ExactStrutContact, Share, candidates, difference, nearest_share, weights
+from jaxgrity.model.strut_pairs import (
+    Ends,
+    ExactStrutContact,
+    Share,
+    candidates,
+    difference,
+    nearest_share,
+    turned_between,
+    weights,
+)
 from jaxgrity.model.surface import frame_about, frame_axes
 from jaxgrity.stepping.capsules import TouchingPoints, capsules_of, touching_points
 from jaxgrity.stepping.entering import depth_inside
@@ -37,6 +46,8 @@ class StrutContacts(NamedTuple):
     """m, along the normal at the start of the step"""
     weights: AnyArray
     """(points, nodes): the share that each node has in the motion of the first strut's point against the second's"""
+    surface: AnyArray
+    """the same of the points at their surfaces"""
     found: AnyArray
     """whether there is such a point"""
     rows: AnyArray
@@ -96,8 +107,10 @@ def strut_contacts(scene: Scene, h: Scalar, start: State) -> StrutContacts | Non
     rows = (POINTS * numbers[:, None] + jnp.arange(POINTS)).ravel()
     axes = frame_axes(frame_about(*normal.T))
     each = _weights(law, numbers, at, len(start[0]))
+    spun = turned_between(scene.structure, between, axes[:, 0], start[0], jnp.repeat(numbers, POINTS))
     free = jnp.asarray(scene.structure.free.any(1))
-    return StrutContacts(axes, gap, each, found & jnp.any((each != 0) & free, axis=1), rows, missed)
+    surface = each if spun is None else each + spun
+    return StrutContacts(axes, gap, each, surface, found & jnp.any((each != 0) & free, axis=1), rows, missed)
 
 
 def moved_ends(ends: Ends, ways: Ends, share: PerMember) -> Ends:
@@ -229,4 +242,5 @@ def struts_on_nodes(scene: Scene, h: Scalar, start: State, impulses: AnyArray) -
     """The `impulses` of struts on each other, (points of all pairs, 3), N s, on nodes: along normal and tangents."""
     points = cast(StrutContacts, strut_contacts(scene, h, start))
     p = impulses[points.rows]
-    return [points.weights.T @ (p[:, k, None] * points.axes[:, k]) for k in range(3)]
+    each = enumerate((points.weights, points.surface, points.surface))
+    return [weights.T @ (p[:, k, None] * points.axes[:, k]) for k, weights in each]

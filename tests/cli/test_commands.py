@@ -50,6 +50,7 @@ from jaxgrity.cli.search import (
 from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.formats import load_trajectory
+from jaxgrity.model import rigid_body
 from jaxgrity.search import EvaluationConfig, Progress, SearchSpace, robot_motions
 
 ROOT = Path(__file__).parents[2]
@@ -400,13 +401,16 @@ def test_a_search_says_before_it_begins_that_its_gaits_are_late():
 
 
 def test_a_search_says_that_perturbed_robots_weigh_the_same(exact):
-    """Where only rods and bodies have mass, an uncertain mass of nodes changes nothing."""
+    """Where only rods have mass, an uncertain mass of nodes changes nothing; that of bodies differs, too."""
     structure = exact.structure
     rods = replace(structure.struts, mass=np.ones(6))
     light = replace(exact, structure=replace(structure, node_mass=0 * structure.node_mass, struts=rods))
     known = SearchConfig(evaluation=EvaluationConfig(uncertainty=Uncertainty(friction=0.2)))
     assert equal_mass_words(light, SearchConfig()).startswith("Perturbed robots all weigh the same: ")
     assert equal_mass_words(light, known) == equal_mass_words(exact, SearchConfig()) == ""
+    body = rigid_body(np.asarray(structure.nodes), range(12), 1.0, [0.1] * 3)
+    bodies = replace(light, structure=replace(light.structure, bodies=(body,)))
+    assert equal_mass_words(bodies, SearchConfig()) == ""
 
 
 def test_a_search_says_how_it_changes_the_gait_to_begin_with():

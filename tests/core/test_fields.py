@@ -253,6 +253,7 @@ EXAMPLES = [
         velocities=(np.zeros((2, 2, 3)), OTHER),
         terrain=(np.zeros((2, 3)), OTHER),
         strut_rest_length=(np.ones((2, 1)), NOT_NEGATIVE, ROWS),
+        body_mass=(np.ones((2, 1)), POSITIVE, ROWS),
     ),
     _of(
         jaxgrity.Uncertainty,

@@ -44,6 +44,7 @@ from jaxgrity.identification import (
 from jaxgrity.identification.measurements import Measurement
 from jaxgrity.identification.parameters import check_parameters
 from jaxgrity.model import rigid_body
+from jaxgrity.model.bodies import body_moments
 
 STIFFNESS = Parameter("structure.cables.stiffness", spread=0.3)
 MASS = Parameter("structure.node_mass", spread=0.3)
@@ -290,7 +291,13 @@ def test_parameters_are_those_of_single_bodies():
     np.testing.assert_allclose(body.matrix, np.exp(0.5) * scene.structure.bodies[0].matrix)
     # a number counts in what is stored, so that no array has two names
     alias = "structure.members.0.stiffness"
-    for path in ("structure.bodies.1.matrix", "structure.bodies.matrix", "structure.bodies.-1.matrix", alias):
+    for path in (
+        "structure.bodies.1.matrix",
+        "structure.bodies.1.mass",
+        "structure.bodies.matrix",
+        "structure.bodies.-1.matrix",
+        alias,
+    ):
         with pytest.raises(InputError, match="the scene has no such numbers"):
             check_parameters(scene, [Parameter(path, 0.5)])
 
@@ -300,13 +307,61 @@ def test_parameters_are_those_of_single_bodies():
     [
         Parameter("structure.bodies.0.matrix", 0.5, "factor", (0,)),
         Parameter("structure.bodies.0.matrix", 0.5, "offset"),
+        Parameter("structure.bodies.0.mass", 0.5, "offset"),
+        Parameter("structure.bodies.0.inertia", 0.5, "factor", (0,)),
         Parameter("structure.bodies.0.lengths", 0.5),
     ],
 )
 def test_an_impossible_body_is_no_parameter(parameter):
     """One row of its matrix alone would make it asymmetric; its lengths are those of its points."""
-    with pytest.raises(InputError, match="would make the body impossible; expected a factor of its whole matrix"):
+    with pytest.raises(
+        InputError, match="would make the body impossible; expected a factor of its mass, inertia or matrix"
+    ):
         check_parameters(swinging_body(), [parameter])
+
+
+def test_mass_and_inertia_of_a_body_are_apart():
+    """Each by its factor, about the same centre; both together are the whole matrix."""
+    scene, at = (
+        swinging_body(),
+        lambda scene: body_moments(scene.structure.bodies[0], np.asarray(scene.structure.nodes)),
+    )
+    mass, centre, inertia = at(scene)
+    for part, factors in (("mass", (2.0, 1.0)), ("inertia", (1.0, 2.0)), ("matrix", (2.0, 2.0))):
+        found = at(changed(scene, [Parameter(f"structure.bodies.0.{part}", np.log(2.0))], np.array([1.0])))
+        np.testing.assert_allclose(found[0], factors[0] * mass, rtol=1e-12)
+        np.testing.assert_allclose(found[1], centre, atol=1e-12)
+        np.testing.assert_allclose(found[2], factors[1] * inertia, atol=1e-12)
+
+
+def test_robots_differ_in_their_bodies(stiffer):
+    """As their posterior says; of mass alone, without its inertia, they cannot."""
+    drawn = stiffer._replace(scene=swinging_body(), covariance=0.01 * np.eye(1), z=np.array([0.4]))
+    whole, mass = (drawn._replace(parameters=(Parameter(f"structure.bodies.0.{k}", 0.5),)) for k in ("matrix", "mass"))
+    factors = posterior_robots(jax.random.key(0), whole, 400).body_mass
+    assert factors.shape == (400, 1)
+    np.testing.assert_allclose(np.log(factors).std(), 0.5 * 0.1, rtol=0.1)
+    with pytest.raises(InputError, match="robots of a population cannot differ in it"):
+        posterior_robots(jax.random.key(0), mass, 3)
+
+
+@pytest.mark.campaign
+def test_a_motion_tells_mass_and_inertia_of_a_body_apart():
+    """With a known start: a third more, and a quarter less, than the scene says. The cable's force is known."""
+    scene, options = swinging_body(), SolverOptions(dt=5e-3, dtype="float64")
+    parameters = [Parameter("structure.bodies.0.mass", 0.5), Parameter("structure.bodies.0.inertia", 0.5)]
+    # about the joint, which is the centre, nothing moves the mass: the centre is elsewhere here
+    nodes = np.asarray(scene.structure.nodes)
+    body = rigid_body(nodes, range(4), 2.0, [0.1] * 3, [0.3, 0.0, 0.0], basic=(0,))
+    free = tuple(each for each in scene.structure.fixed if each[0] != 0)
+    scene = replace(scene, structure=replace(scene.structure, bodies=(body,), fixed=free))
+    true = changed(scene, parameters, np.log([4 / 3, 3 / 4]) / 0.5)
+    moved = simulate(true, 0.5, options=options, frame_rate=20.0)
+    seen = np.asarray(moved.positions)[:, 1, 2:]
+    start = Starts(np.asarray(moved.positions), spread=None)
+    motion = measured_motion(scene, np.asarray(moved.times), seen, 1e-4, HEIGHT, start, options=options)
+    estimates = identify(scene, parameters, motion).estimates
+    np.testing.assert_allclose([each.value for each in estimates], [4 / 3, 3 / 4], rtol=1e-3)
 
 
 @pytest.mark.campaign

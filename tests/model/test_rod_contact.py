@@ -223,7 +223,7 @@ def test_gradients_agree_with_central_differences():
             r"struts = \[0\]: the scene has contact along \[0\] already",
         ),
         (across, (0,), "count = 0: expected a whole number, at least 1"),
-        (across, (1, (1,)), r"struts = \[1\]: expected some of the scene's 1"),
+        (across, (1, (1,)), r"struts = \[1\]: expected some of 1 struts and rods"),
         (
             lambda: with_contact_along_struts(across(), 1),
             (2,),

@@ -177,7 +177,7 @@ BARE = Scene(Structure(np.eye(4, 3), [1.0] * 4, Members(((0, 1), (2, 3)), [1e4] 
 @pytest.mark.parametrize(
     ("scene", "keys", "message"),
     [
-        (BARE, {}, "contact between struts has the ground's stiffness; expected a ground, or rigid struts"),
+        (BARE, {}, "contact between struts has the ground's stiffness; expected a ground, or no spring struts"),
         (
             replace(BARE, structure=replace(BARE.structure, struts=None)),
             {},
@@ -185,10 +185,14 @@ BARE = Scene(Structure(np.eye(4, 3), [1.0] * 4, Members(((0, 1), (2, 3)), [1e4] 
         ),
         (None, {"radius": 0.0}, r"radius\[0\] = 0 m: expected a positive number"),
         (None, {"radius": [0.1]}, "radius has 1 numbers; expected one, or 6"),
-        (None, {"pairs": ((0, 6),)}, r"pairs has \[0, 6\]: expected two of 6 struts, without a common node"),
+        (
+            None,
+            {"pairs": ((0, 6),)},
+            r"pairs has \[0, 6\]: expected two of 6 struts and rods of bodies, without",
+        ),
         (None, {"pairs": ((0, 1), (1, 0))}, "expected at least one, and each once"),
         (None, {"at_once": 0}, "at_once = 0: expected a whole number, at least 1"),
-        (None, {"radius": 0.3}, r"struts \d and \d start 0.\d+ m in each other; expected: beside each other"),
+        (None, {"radius": 0.3}, r"rods \d and \d start 0.\d+ m in each other; expected: beside each other"),
         (
             replace(soft(), terms=(), friction=SwitchFriction(0.4, 0.3, 0.01)),
             {},
@@ -209,7 +213,7 @@ def test_motions_do_not_start_with_struts_in_each_other():
     struts = Members(((0, 1), (2, 3)), None, [1.0, 1.0])
     scene = Scene(Structure(nodes, [1.0] * 4, struts), None, None, ExactGround(), ConeFriction(0.3))
     scene = with_contact_between_struts(scene, R)
-    with pytest.raises(InputError, match=r"struts 0 and 1 start 0.01 m in each other"):
+    with pytest.raises(InputError, match=r"rods 0 and 1 start 0.01 m in each other"):
         simulate(scene, 0.1, positions=nodes - np.array([[0.0, 0.0, 0.0]] * 2 + [[0.0, 0.0, 0.07]] * 2))
     with pytest.raises(InputError, match=r"coupled = False: sweeps handle no .* contact along or between struts"):
         simulate(scene, 0.1, options=SolverOptions(coupled=False))

@@ -30,6 +30,7 @@ from jaxgrity import (
     Uncertainty,
     as_population,
     control,
+    differing,
     ensemble,
     gaits_of,
     load_scene,
@@ -46,6 +47,7 @@ from jaxgrity.model.bodies import rigid_body
 from jaxgrity.model.scene import as_dtype
 from jaxgrity.populations import population, roll_out
 from jaxgrity.populations.lanes import in_lanes, most_lanes, over_lanes
+from jaxgrity.search.judging import masses_and_lengths
 from jaxgrity.stepping import resolve
 from jaxgrity.stepping.dynamics import vector_field
 from jaxgrity.stepping.options import KEPT, options_anew
@@ -121,14 +123,40 @@ def test_many_robots_of_rigid_bodies_know_their_laws(plates):
     assert answers == [True]
 
 
+def test_perturbed_robots_have_bodies_of_other_masses(plates):
+    """Each body by a factor of its own, with its inertia; draws of other quantities stay as they are without bodies."""
+    many, key = gaits_of(plates.gait, random_phases(2, 3, seed=1)), jax.random.key(3)
+    _, found = ensemble(key, plates, many, Uncertainty(node_mass=0.2, friction=0.1), 40)
+    assert found.body_mass.shape == (80, 2)
+    assert abs(found.body_mass - 1).max() <= 0.2
+    assert np.ptp(found.body_mass, axis=0).min() > 0.3
+    assert abs(np.corrcoef(found.body_mass.T)[0, 1]) < 0.5
+    np.testing.assert_allclose(found.body_mass[:20] + found.body_mass[20:40], 2.0)
+    np.testing.assert_array_equal(found.body_mass[:40], found.body_mass[40:])
+    _, without = ensemble(key, plates, many, Uncertainty(friction=0.1), 40)
+    np.testing.assert_array_equal(found.friction, without.friction)
+    mass, _ = masses_and_lengths(plates, many, found)
+    np.testing.assert_allclose(mass, found.body_mass.sum(1), rtol=1e-12)
+    one = differing(plates, Differences(body_mass=np.array([2.0, 0.5])))
+    for body, own, factor in zip(one.structure.bodies, plates.structure.bodies, (2.0, 0.5)):
+        np.testing.assert_allclose(body.matrix, factor * own.matrix, atol=1e-12)
+        np.testing.assert_array_equal(body.lengths, own.lengths)
+    with pytest.raises(InputError, match=r"differences.body_mass\[0\] = 0"):
+        Differences(body_mass=np.array([0.0, 1.0]))
+    with pytest.raises(InputError, match=r"differences.body_mass has shape \(2, 3\); expected \(2, 2\)"):
+        Differences(body_mass=np.ones((2, 3))).check(plates, 2)
+
+
 @pytest.mark.campaign
 def test_rigid_bodies_side_by_side_end_where_each_ends_alone(plates):
     """While cables pull the upper plate down, and the lower one against the ground's friction."""
-    phases = random_phases(2, 3, seed=1)
-    outcomes = simulate_population(plates, gaits_of(plates.gait, phases), 0.1, options=AT_ONCE, with_metrics=True)
+    phases, masses = random_phases(2, 3, seed=1), Differences(body_mass=np.array([[1.0, 1.3], [0.8, 1.1]]))
+    many = gaits_of(plates.gait, phases)
+    outcomes = simulate_population(plates, many, 0.1, options=AT_ONCE, with_metrics=True, differences=masses)
     assert np.ptp(outcomes.positions, axis=0).max() > 1e-4
     for k, phase in enumerate(phases):
         own = eqx.tree_at(lambda s: s.gait.phase, plates, phase)
+        own = differing(own, Differences(body_mass=masses.body_mass[k]))
         alone = simulate(own, 0.1, frame_rate=10.0, options=AT_ONCE)
         np.testing.assert_allclose(outcomes.positions[k], alone.positions[-1], rtol=0, atol=1e-9)
     assert outcomes.metrics is not None

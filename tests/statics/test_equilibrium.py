@@ -1,6 +1,8 @@
 """Shapes at rest: prisms and springs of which they are known, supports, loads, and how they depend on the scene."""
 
 import dataclasses
+import itertools
+import math
 
 import equinox as eqx
 import jax
@@ -24,6 +26,7 @@ from jaxgrity import (
     with_terms,
 )
 from jaxgrity.model import body_moments, rigid_body
+from jaxgrity.model.bodies import with_factors
 from jaxgrity.statics import (
     equilibrium_near,
     prestressed,
@@ -331,3 +334,36 @@ def test_equilibrium_near_knows_what_a_motor_has_wound_from_rigid_struts():
     q = resting_shape(scene).q
     lengths = edge_lengths(equilibrium_near(scene, q), structure.struts.edges)
     np.testing.assert_allclose(lengths, [0.8, 1, 1, 1, 1, 1], atol=1e-9)
+
+
+def test_equilibrium_near_knows_rigid_bodies():
+    """A board that hangs from four cables, two of them at points that follow others: its shape, and its derivatives."""
+    board = np.array([[0.0, 0, 0], [1.0, 0, 0], [0, 0.6, 0], [0.5, 0.3, -0.2], [1.0, 0.6, 0]])
+    above = np.array([[-0.1, 0, 1.0], [1.2, 0, 1.0], [0, 0.7, 1.0], [1.0, 0.7, 1.1]])
+    nodes = np.concatenate([board, above])
+    body = rigid_body(nodes, range(5), 2.0, [0.1, 0.2, 0.25], [0.45, 0.3, -0.05], basic=(0, 1, 2, 3))
+    assert body.carried == (4,)
+    cables = Members(((0, 5), (1, 6), (2, 7), (4, 8)), [200.0, 300.0, 250.0, 150.0], [0.8] * 4)
+    fixed = tuple((k, "xyz") for k in range(5, 9))
+    scene = Scene(Structure(nodes, np.zeros(9), cables=cables, fixed=fixed, bodies=(body,)), 9.81)
+    found = resting_shape(scene)
+    shape = np.asarray(equilibrium_near(scene, found.q))
+    np.testing.assert_allclose(shape, found.q, atol=1e-5)  # where springs keep its shape
+    lengths = [math.dist(shape[i], shape[j]) for i, j in itertools.combinations(range(5), 2)]
+    built = [math.dist(nodes[i], nodes[j]) for i, j in itertools.combinations(range(5), 2)]
+    np.testing.assert_allclose(lengths, built, atol=1e-9)
+
+    def height(x):
+        """Of the point that follows, by the weight and one stiffness."""
+        bodies = (with_factors(body, mass=x[0], inertia=x[0]),)
+        other = eqx.tree_at(lambda s: (s.structure.bodies, s.structure.cables.stiffness), scene, (bodies, x[1]))
+        return equilibrium_near(other, found.q)[4, 2]
+
+    at = (jnp.array(1.0), jnp.asarray(cables.stiffness))
+    height = jax.jit(height)
+    slopes = jax.jit(jax.grad(height))(at)
+    step = 1e-4
+    for k, (slope, unit) in enumerate(((slopes[0], 1.0), (slopes[1][3], np.eye(4)[3] * 100))):
+        low, high = (height((*at[:k], at[k] + s * step * unit, *at[k + 1 :])) for s in (-1, 1))
+        np.testing.assert_allclose(slope * (1.0 if k == 0 else 100.0), (high - low) / (2 * step), rtol=1e-5)
+        assert abs(slope) > 1e-6

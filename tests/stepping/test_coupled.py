@@ -12,6 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
+from studies.body_costs import scene_of
 
 from jaxgrity import (
     ConeFriction,
@@ -28,6 +29,7 @@ from jaxgrity import (
     energy_audit,
     final_state,
     gaits_of,
+    random_phases,
     reactions,
     simulate,
     simulate_population,
@@ -510,3 +512,23 @@ def test_float32_stays_float32(structure):
     assert [str(each.positions.dtype) for each in moved] == ["float32", "float64"]
     assert not any(each.failed for each in moved)
     np.testing.assert_allclose(moved[0].positions, moved[1].positions, atol=1e-4)
+
+
+@pytest.mark.campaign
+def test_a_foot_on_more_points_than_hold_it_seldom_needs_the_second_method(monkeypatch):
+    """Of a spine with hinges whose cables a gait moves. With one kind of Newton's iterations it needed 74 in a step."""
+    used, steps, splitting = [], 100, coupled_contacts._split
+    monkeypatch.setattr(
+        coupled_contacts, "_split", lambda *given: (jax.debug.callback(lambda: used.append(1)), splitting(*given))[1]
+    )
+    scene = scene_of("hinged", 3)
+    each = np.ones(scene.structure.member_count)
+    moving = Gait(
+        tuple(range(len(each))), random_phases(1, len(each), seed=0)[0], 0.1 * each, each, start=0.0, ramp=0.1
+    )
+    motion = simulate(
+        dataclasses.replace(scene, gait=moving), 2e-3 * steps, options=SolverOptions(dt=2e-3, any_step=True)
+    )
+    jax.effects_barrier()
+    assert not motion.failed
+    assert len(used) < 40 * steps
