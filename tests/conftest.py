@@ -85,14 +85,22 @@ def pytest_runtest_protocol(item):
     return (yield)
 
 
+def pytest_collection_finish(session):
+    """What was imported lives until the end: each later collection need not look through it."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _forget_compiled_programs():
     """Thousands of them do not fit into one process: Linux allows it 65,530 memory maps, and they take some each. With
     what was traced for them they would grow to 7 GB.
+
+    To forget takes seconds, and what is needed again is traced and read anew: so it waits until memory runs short.
     """
     yield
     maps = Path("/proc/self/maps")
-    if not maps.exists() or maps.read_text().count("\n") > 25_000 or _memory() > 2e9:
+    if not maps.exists() or maps.read_text().count("\n") > 45_000 or _memory() > _share_of_memory():
         jax.clear_caches()
         gc.collect()
         if hasattr(library := ctypes.CDLL(None), "malloc_trim"):
@@ -102,6 +110,12 @@ def _forget_compiled_programs():
 def _memory() -> float:
     """Bytes of memory that this process holds."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def _share_of_memory() -> float:
+    """Bytes that each test process may hold: together they take half of the machine's memory, or 2 GB each."""
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return max(2e9, 0.5 * there / int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
 
 
 @pytest.fixture(scope="session")
