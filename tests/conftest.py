@@ -17,6 +17,7 @@ import jax
 import jaxtyping
 import numpy as np
 import pytest
+import shape_checks  # noqa: F401  before the package is imported
 from measurements import conformance_statics
 from meter import Meter
 
