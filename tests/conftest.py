@@ -75,7 +75,7 @@ def pytest_configure(config):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
-    """Fast tests check the shapes of all arrays too; in the others that would cost a quarter of the time.
+    """Fast tests check the shapes of all arrays too (`shape_checks`); in the others that would cost too much time.
 
     What runs for a moment is not optimised by LLVM, which takes half of the time in which a program is made.
     """

@@ -716,6 +716,7 @@ def search_run(request, jaxgrity, tmp_path_factory):
     folder = tmp_path_factory.mktemp("search")
     words = ("--quick", "--scene", "exact", "--out", folder)
     if request.param == "command":
+        # a gait that settles soon is measured soon; a search of random ones is a campaign
         words += ("--gait", "straight", "--duration", 8, "--robots", 2, "--polish-rollouts", 96)
         # the longest program of all, of a number that commands on the reference scene show too
         known = Sensitivity(np.array([0.0, 8.0]), np.array([0.0, 5.0]))
