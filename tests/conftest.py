@@ -114,9 +114,12 @@ def _memory() -> float:
 
 
 def _share_of_memory() -> float:
-    """Bytes that each test process may hold: together they take half of the machine's memory, or 2 GB each."""
+    """Bytes that each test process may hold: together they take half of the machine's memory, of 2 to 4 GB each.
+
+    No more, since a container may have less memory than its machine.
+    """
     there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    return max(2e9, 0.5 * there / int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
+    return min(4e9, max(2e9, 0.5 * there / int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))))
 
 
 @pytest.fixture(scope="session")
