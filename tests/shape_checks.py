@@ -11,7 +11,9 @@ from functools import partial, wraps
 from types import FunctionType
 from typing import Any
 
+import jax
 import jaxtyping
+import numpy as np
 
 _CHECKED: defaultdict[Any, set[Hashable]] = defaultdict(set)
 """Kinds of arguments for which a call passed all checks, by the code of the function."""
@@ -22,7 +24,9 @@ def _decorated(jaxtyped: Callable, function: Any = None, *, typechecker: Callabl
         return partial(_decorated, jaxtyped, typechecker=typechecker)
     if not isinstance(function, FunctionType):
         return jaxtyped(function, typechecker=typechecker)
-    passed, config, checker = _CHECKED[function.__code__], jaxtyping.config, []
+    passed, config = _CHECKED[function.__code__], jaxtyping.config
+    # at once, for jaxtyping leaves out what names a class that is not there yet; of inner functions, once it is needed
+    checker = [] if "<locals>" in function.__qualname__ else [jaxtyped(function, typechecker=typechecker)]
 
     @wraps(function)
     def called(*args, **kwargs):
@@ -30,10 +34,11 @@ def _decorated(jaxtyped: Callable, function: Any = None, *, typechecker: Callabl
             return function(*args, **kwargs)
         try:
             kind = (*map(_kind, args), *((name, _kind(x)) for name, x in kwargs.items()))
-            if kind in passed:
-                return function(*args, **kwargs)
+            known = kind in passed
         except TypeError:  # a kind without a hash
-            kind = None
+            kind, known = None, False
+        if known:
+            return function(*args, **kwargs)
         if not checker:
             checker.append(jaxtyped(function, typechecker=typechecker))
         found = checker[0](*args, **kwargs)
@@ -51,7 +56,7 @@ def _kind(x: Any) -> Hashable:
         return x
     if type(x) in (tuple, list):
         return (type(x), len(x), *map(_kind, x[:4]))
-    return type(x), getattr(x, "shape", None), getattr(x, "dtype", None)
+    return (type(x), x.shape, x.dtype) if isinstance(x, np.ndarray | np.generic | jax.Array) else type(x)
 
 
 jaxtyping.jaxtyped = partial(_decorated, jaxtyping.jaxtyped)
