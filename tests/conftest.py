@@ -17,6 +17,7 @@ import jax
 import jaxtyping
 import numpy as np
 import pytest
+import shape_checks  # noqa: F401  before the package is imported
 from measurements import conformance_statics
 from meter import Meter
 
@@ -74,7 +75,7 @@ def pytest_configure(config):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item):
-    """Fast tests check the shapes of all arrays too; in the others that would cost a quarter of the time.
+    """Fast tests check the shapes of all arrays too (`shape_checks`); in the others that would cost too much time.
 
     What runs for a moment is not optimised by LLVM, which takes half of the time in which a program is made.
     """
@@ -85,14 +86,22 @@ def pytest_runtest_protocol(item):
     return (yield)
 
 
+def pytest_collection_finish(session):
+    """What was imported lives until the end: each later collection need not look through it."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(scope="module", autouse=True)
 def _forget_compiled_programs():
     """Thousands of them do not fit into one process: Linux allows it 65,530 memory maps, and they take some each. With
     what was traced for them they would grow to 7 GB.
+
+    To forget takes seconds, and what is needed again is traced and read anew: so it waits until memory runs short.
     """
     yield
     maps = Path("/proc/self/maps")
-    if not maps.exists() or maps.read_text().count("\n") > 25_000 or _memory() > 2e9:
+    if not maps.exists() or maps.read_text().count("\n") > 45_000 or _memory() > _share_of_memory():
         jax.clear_caches()
         gc.collect()
         if hasattr(library := ctypes.CDLL(None), "malloc_trim"):
@@ -102,6 +111,15 @@ def _forget_compiled_programs():
 def _memory() -> float:
     """Bytes of memory that this process holds."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def _share_of_memory() -> float:
+    """Bytes that each test process may hold: together they take half of the machine's memory, of 2 to 4 GB each.
+
+    No more, since a container may have less memory than its machine.
+    """
+    there = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return min(4e9, max(2e9, 0.5 * there / int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))))
 
 
 @pytest.fixture(scope="session")

@@ -37,7 +37,7 @@ ENTRY_POINTS = (
     "control.environment",
 )
 """those that share scene, gaits, duration and step come one after the other, so that they share compiled programs"""
-CAMPAIGNS = ("search_gaits", "diagnose")
+CAMPAIGNS = ("search_gaits", "evolve", "polish", "diagnose", "energy_audit")
 """those whose examples take long; searches have tests of their own, and the README's example has a diagnosis"""
 SECTIONS = ("Args", "Returns", "Raises", "Example")
 

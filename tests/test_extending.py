@@ -16,7 +16,7 @@ SECTIONS = {
     section.splitlines()[0]: re.findall(r"```python\n(.*?)```", section, re.DOTALL)
     for section in PAGE.split("\n## ")[1:]
 }
-CAMPAIGNS = ("A force with a potential", "A contact law", "A method", "An objective")
+CAMPAIGNS = ("A force with a potential", "A force between two nodes", "A contact law", "A method", "An objective")
 """sections whose examples take long; the others show the same of force laws and of registries"""
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from measurements.pages import columns, made_by, table, whole_zero
 
 from jaxgrity import Gait, Members, gait_names, gait_record, load_gait, load_scene, with_error
-from jaxgrity.model import rest_length
+from jaxgrity.model.actuation import rest_lengths_along
 
 Facts = dict
 
@@ -135,8 +135,7 @@ def gaits_table(names: tuple[str, ...] = gait_names()) -> str:
 def _stroke(gait: Gait, members: Members, first: int) -> float:
     """By which share of its length the member that moves most is shortened at most."""
     times = float(gait.start + gait.ramp) + np.arange(200) / 200 / float(np.min(gait.frequency))
-    shares = [1 - np.asarray(rest_length(members, gait, t, first)) / members.rest_length for t in times]
-    return float(np.max(shares))
+    return float(np.max(1 - np.asarray(rest_lengths_along(members, gait, times, first)) / members.rest_length))
 
 
 def full_gaits_tables() -> dict[str, str]:

@@ -195,7 +195,7 @@ def plant_start(plant: Plant, key: Any, start: State | None = None) -> PlantStat
         raise InputError(f"start has arrays of shape {', '.join(map(str, sorted(set(shapes))))}: expected {expected}")
     motion = start_of(plant.scene) if start is None else jax.tree.map(lambda x: jnp.asarray(x, dtype), tuple(start))
     alone, constrained = plant.robots is None, plant.options.method.constrained
-    return begun(plant, key, possible(plant.scene, plant.lift, motion, one=alone, constrained=constrained))
+    return begun(plant, key, possible(plant.scene, motion, one=alone, constrained=constrained))
 
 
 def begun(plant: Plant, key: Any, motion: State, tick: Any = 0, contraction: AnyArray | None = None) -> PlantState:

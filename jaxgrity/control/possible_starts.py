@@ -1,5 +1,6 @@
 """Whether robots can start from a given state."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -7,7 +8,8 @@ from jaxgrity.core.tracing import traced
 from jaxgrity.core.types import AnyArray, NodeVectors, State
 from jaxgrity.model.rigidity import linked
 from jaxgrity.model.scene import Scene
-from jaxgrity.stepping.complementarity import Lift
+from jaxgrity.populations.lanes import lane_axes, lift_over
+from jaxgrity.stepping.complementarity import one_robot
 from jaxgrity.stepping.starts import (
     check_start,
     check_velocities,
@@ -17,7 +19,7 @@ from jaxgrity.stepping.starts import (
 )
 
 
-def possible(scene: Scene, lift: Lift, start: State, *, one: bool, constrained: bool) -> State:
+def possible(scene: Scene, start: State, *, one: bool, constrained: bool) -> State:
     """The start, q and v. Robots whose constraints or supports forbid it, or whose numbers are not finite, get
     velocities of NaN, so that they fail. A `constrained` method corrects velocities that stretch rigid struts.
 
@@ -27,15 +29,23 @@ def possible(scene: Scene, lift: Lift, start: State, *, one: bool, constrained: 
     if one:
         check_velocities(scene, start, 0.0, constrained)
 
-    def impossible(scene: Scene, q: NodeVectors, v: NodeVectors) -> AnyArray:
-        finite = jnp.all(jnp.isfinite(q)) & jnp.all(jnp.isfinite(v))
-        off = (start_failure(scene, q) != 0) | jnp.any(supports_slip(scene, v, 0.0)) | ~finite
-        return off if constrained or not linked(scene) else off | velocities_stretch(scene, (q, v))
-
-    off = lift(impossible, ("s", -1, -1))(scene, jnp.asarray(q), jnp.asarray(v))
+    off = _impossible(scene, (jnp.asarray(q), jnp.asarray(v)), one, constrained)
     if not traced(off):
         if not np.any(off):
             return start
         if one:
             check_start(scene, q)
     return q, jnp.where(off, jnp.nan, v)
+
+
+@eqx.filter_jit
+def _impossible(scene: Scene, start: State, one: bool, constrained: bool) -> AnyArray:
+    """Whether the start of each robot is impossible, in one program."""
+
+    def impossible(scene: Scene, q: NodeVectors, v: NodeVectors) -> AnyArray:
+        finite = jnp.all(jnp.isfinite(q)) & jnp.all(jnp.isfinite(v))
+        off = (start_failure(scene, q) != 0) | jnp.any(supports_slip(scene, v, 0.0)) | ~finite
+        return off if constrained or not linked(scene) else off | velocities_stretch(scene, (q, v))
+
+    lift = one_robot if one else lift_over(lane_axes(scene))
+    return lift(impossible, ("s", -1, -1))(scene, *start)

@@ -720,12 +720,14 @@ def search_run(request, jaxgrity, tmp_path_factory):
     folder = tmp_path_factory.mktemp("search")
     words = ("--quick", "--scene", "exact", "--out", folder)
     if request.param == "command":
+        # a gait that settles soon is measured soon; a search of random ones is a campaign
+        words += ("--gait", "straight", "--duration", 8, "--robots", 2, "--polish-rollouts", 96)
         # the longest program of all, of a number that commands on the reference scene show too
         known = Sensitivity(np.array([0.0, 8.0]), np.array([0.0, 5.0]))
         with pytest.MonkeyPatch.context() as patched:
             patched.setattr("jaxgrity.trust.trust_report.sensitivity", lambda *arguments, **how: known)
             # and the longest rollouts: speeds of robots that differ
-            patched.setattr("jaxgrity.report.steady.robot_motions", partial(robot_motions, duration=15.0))
+            patched.setattr("jaxgrity.report.steady.robot_motions", partial(robot_motions, robots=32, duration=15.0))
             # and the longest drawing: 190 frames
             patched.setattr("jaxgrity.report.gait_report.FILMED", 1.0)
             done = jaxgrity("search", *words)

@@ -71,7 +71,7 @@ def test_a_robot_that_failed_once_has_not_failed_in_the_next_episode(goal):
     env = Restarting(goal, LENGTH)
     actions = np.zeros((3 * LENGTH, goal.action_size), np.float32)
     actions[1, 2] = np.nan
-    start = env.reset(jax.random.key(0))
+    start = jax.jit(env.reset)(jax.random.key(0))
     done, cut, failed, reached, obs = rolled(env, start, actions)
     ends = np.array([1, 1 + LENGTH, 1 + 2 * LENGTH])
     np.testing.assert_array_equal(np.flatnonzero(done), ends)
@@ -86,7 +86,7 @@ def test_a_robot_that_failed_once_has_not_failed_in_the_next_episode(goal):
 def test_a_goal_that_is_reached_is_to_be_reached_again(goal):
     """An episode that starts at its goal is over at once, and so is the next one: no earlier, and not by its time."""
     env = Restarting(goal, LENGTH)
-    start = env.reset(jax.random.key(0))
+    start = jax.jit(env.reset)(jax.random.key(0))
     here = start.pipeline_state._replace(aim=jnp.zeros(2, jnp.float32))
     start = start.replace(pipeline_state=here, info=start.info | {"first": (here, start.obs)})
     done, cut, failed, reached, _ = rolled(env, start, np.zeros((3, goal.action_size), np.float32))

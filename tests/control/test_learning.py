@@ -334,7 +334,7 @@ class FirstSeen(eqx.Module):
         return seen[:6]
 
 
-@pytest.mark.parametrize("period", [0.005, 0.01, 0.03])
+@pytest.mark.parametrize("period", [pytest.param(0.005, marks=pytest.mark.campaign), 0.01, 0.03])
 def test_a_deployed_policy_acts_as_often_as_in_learning(travelling, period):
     """Every 0.04 s, to the nearest control period of the plant, however long those are."""
     env, _ = travelling

@@ -7,7 +7,7 @@ import pytest
 from jaxgrity.core import draws
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", pytest.param("float64", marks=pytest.mark.campaign)])
 def test_draws_are_those_of_jax(dtype):
     """To the last bit, in any number, also within a function that is being compiled."""
     key = jax.random.key(3)

@@ -10,9 +10,21 @@ import jax.numpy as jnp
 import jaxtyping
 import numpy as np
 import pytest
+from beartype import beartype
 
 import jaxgrity
-from jaxgrity import InputError, Scene, SolverOptions, load_gait, load_scene, rollout, save_scene, simulate, with_gait
+from jaxgrity import (
+    InputError,
+    Scene,
+    SolverOptions,
+    edge_lengths,
+    load_gait,
+    load_scene,
+    rollout,
+    save_scene,
+    simulate,
+    with_gait,
+)
 from jaxgrity.core.typed import check_fields, kinds_of, typed
 from jaxgrity.core.types import Scalar
 
@@ -142,3 +154,26 @@ def test_fields_take_the_values_of_several_at_once():
         Pair(0.0, np.zeros(3))
     with pytest.raises(InputError, match=r"^Pair: gain is 'much'; expected a number"):
         Pair("much")
+
+
+def test_shapes_are_checked_in_fast_tests():
+    """Once for each kind of arguments: what has passed makes nothing else pass, in inner functions too."""
+    q = np.array([[0.0, 0, 0], [1, 0, 0]])
+    for _ in range(2):
+        assert edge_lengths(q, ((0, 1),)).tolist() == [1.0]
+        for wrong in (q[:, :2], q[0], q.astype(bool)):
+            with pytest.raises(jaxtyping.TypeCheckError, match="edge_lengths"):
+                edge_lengths(wrong, ((0, 1),))
+
+    def outer(columns: int):
+        @jaxtyping.jaxtyped(typechecker=beartype)
+        def inner(x: jaxtyping.Float[np.ndarray, "n 3"], how: str = "") -> jaxtyping.Float[np.ndarray, " n"]:
+            return x[:, 0] if columns else x
+
+        return inner
+
+    assert outer(1)(q, how="here").shape == (2,)
+    with pytest.raises(jaxtyping.TypeCheckError, match="parameters"):
+        outer(1)(q.T)
+    with pytest.raises(jaxtyping.TypeCheckError, match="return value"):
+        outer(0)(np.zeros((3, 3)))

@@ -58,7 +58,7 @@ def test_rates_in_a_ramp_of_a_small_part_of_a_period_are_right_to_a_thousandth()
     np.testing.assert_allclose(ramp_rates(gait, np.ones(many)), steepest, rtol=1e-3)
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("dtype", [np.float32, pytest.param(np.float64, marks=pytest.mark.campaign)])
 def test_at_a_corner_of_the_ramp_the_derivative_is_the_mean_of_both_sides(dtype):
     """The corners are at 0.3 and 0.8 s; sums of steps of 0.1 s miss both by their rounding.
 

@@ -192,7 +192,7 @@ def test_what_acts_on_nodes_that_are_not_there_is_refused(reference):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ground", [PenaltyGround(1e4, 2.0), ExactGround()])
+@pytest.mark.parametrize("ground", [pytest.param(PenaltyGround(1e4, 2.0), marks=pytest.mark.campaign), ExactGround()])
 def test_ground_that_ends_in_nothing_is_a_failure(ground):
     """Two nodes slide to where the height is no number, on the ground and above it."""
     surface = HeightFunction(lambda x, y: jnp.where(x > 0.05, jnp.nan, 0 * x))
@@ -206,7 +206,7 @@ def test_ground_that_ends_in_nothing_is_a_failure(ground):
         assert jaxgrity.simulate(scene, 0.1, positions=nodes + np.array([0, 0, height]), velocities=moving).failed
 
 
-@pytest.mark.parametrize("name", ["reference", "exact"])
+@pytest.mark.parametrize("name", [pytest.param("reference", marks=pytest.mark.campaign), "exact"])
 def test_a_traced_number_that_is_none_is_a_failure(name, request):
     """Cables of no length would be slack, and the motion finite."""
     scene = jaxgrity.with_gait(request.getfixturevalue(name), None)

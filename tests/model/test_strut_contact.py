@@ -194,17 +194,18 @@ BARE = Scene(Structure(np.eye(4, 3), [1.0] * 4, Members(((0, 1), (2, 3)), [1e4] 
         (None, {"at_once": 0}, "at_once = 0: expected a whole number, at least 1"),
         (None, {"radius": 0.3}, r"rods \d and \d start 0.\d+ m in each other; expected: beside each other"),
         (
-            replace(soft(), terms=(), friction=SwitchFriction(0.4, 0.3, 0.01)),
+            lambda: replace(soft(), terms=(), friction=SwitchFriction(0.4, 0.3, 0.01)),
             {},
             "friction: SwitchFriction between struts; expected smooth friction, or none",
         ),
-        (soft(), {}, "the scene has it already"),
+        (soft, {}, "the scene has it already"),
     ],
 )
 def test_what_cannot_be_is_refused(exact, scene, keys, message):
     """In one line."""
+    scene = exact if scene is None else scene() if callable(scene) else scene
     with pytest.raises(InputError, match=message):
-        with_contact_between_struts(exact if scene is None else scene, **{"radius": R, **keys})
+        with_contact_between_struts(scene, **{"radius": R, **keys})
 
 
 def test_motions_do_not_start_with_struts_in_each_other():

@@ -339,7 +339,13 @@ def test_an_interrupted_search_is_resumed_to_the_very_same_end(exact, config, wh
     assert is_done(folder)
 
 
-@pytest.mark.parametrize(("stage", "kept"), [("polishing", ["promote"]), ("verifying", ["promote", "polish"])])
+@pytest.mark.parametrize(
+    ("stage", "kept"),
+    [
+        pytest.param("polishing", ["promote"], marks=pytest.mark.campaign),
+        ("verifying", ["promote", "polish"]),
+    ],
+)
 def test_a_resumed_search_repeats_no_stage_that_was_done(exact, config, whole, interrupted, monkeypatch, stage, kept):
     """What was promoted and polished is taken from the folder, to the last bit."""
 

@@ -53,7 +53,7 @@ def test_without_member_mass_they_are_those_of_the_dense_hessian(reference):
     """
     scene = Scene(reference.structure)
     q = resting_shape(scene).q
-    hessian = jax.hessian(scene.potential_energy)(jnp.asarray(q), 0.0).reshape(q.size, q.size)
+    hessian = jax.jit(jax.hessian(scene.potential_energy))(jnp.asarray(q), 0.0).reshape(q.size, q.size)
     mass = np.repeat(reference.structure.node_mass, 3)
     squares = np.linalg.eigvalsh(hessian / np.sqrt(np.outer(mass, mass)))
     found = vibration_modes(scene, q)

@@ -2,6 +2,7 @@
 
 import math
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -99,10 +100,11 @@ def test_impulses_of_curved_ground_act_where_a_ball_meets_it():
     h, start = 0.02, (jnp.asarray(nodes), jnp.tile(jnp.array([1.0, 2.0, -1.0]), (4, 1)))
     first = jnp.array([1.0, 0, 0, 0])
     found = GroundImpulses(first, (0.3 * first, -0.2 * first), None)
-    n, along, across = (np.asarray(x)[0] for x in (lambda f: (f.normal, *f.tangents))(frame_met(ground, 1.0, h, start)))
+    met = jax.jit(lambda start: frame_met(ground, 1.0, h, start))(start)
+    n, along, across = (np.asarray(x)[0] for x in (met.normal, *met.tangents))
     assert np.abs(n - np.asarray(ground.frame(start[0]).normal)[0]).max() > 0.01
     impulse = float(scene.structure.borne_mass[0]) * (n + 0.3 * along - 0.2 * across)
-    given = np.asarray(sum(on_nodes(scene, h, start, found)))
+    given = np.asarray(jax.jit(lambda *at: sum(on_nodes(scene, h, *at)))(start, found))
     np.testing.assert_allclose(given.sum(0), impulse, rtol=1e-6)
     # where it is nearest at the start, the moment would be another by a hundredth
     np.testing.assert_allclose(np.cross(nodes, given).sum(0), np.cross(nodes[0] - RADIUS * n, impulse), rtol=1e-5)

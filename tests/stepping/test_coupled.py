@@ -91,7 +91,7 @@ def test_a_rod_swings_about_its_end_in_its_period(amplitude):
     np.testing.assert_allclose(angles(motion.positions)[:, 0], [amplitude, -amplitude, amplitude], rtol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_rod_that_hangs_pulls_at_its_support():
     """By m g at rest, and by 5/2 m g at the lowest point of a swing from the horizontal; the audit closes with it."""
     structure = rods(hanging(np.pi / 2), [(0, 1)], [2.0], fixed=((0, "xyz"),))

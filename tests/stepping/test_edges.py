@@ -149,7 +149,8 @@ EDGES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.campaign] * (name in ("a stair", "a post"))) for name in EDGES]
+    "name",
+    [pytest.param(name, marks=[pytest.mark.campaign] * (name not in ("a box", "a shelf"))) for name in EDGES],
 )
 def test_a_node_dropped_inside_an_edge_stays_there(name):
     """On treads, tops and shelves, 0.1 um to 20 mm inside their edges, with friction: it does not move sideways."""

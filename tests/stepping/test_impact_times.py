@@ -142,7 +142,7 @@ def slid(start):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("coupled", [False, True])
+@pytest.mark.parametrize("coupled", [False, pytest.param(True, marks=pytest.mark.campaign)])
 def test_through_a_landing_that_slides_the_derivative_is_that_of_the_closed_form(coupled):
     """Without restitution the step itself has it: the impulse of an impact is dealt out to two steps by its time."""
     end = lambda dt: lambda x: thrown(ball(None, 0.3), dt, coupled)(x)[:2]  # noqa: E731

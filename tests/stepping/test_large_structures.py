@@ -99,7 +99,8 @@ def test_both_ways_find_the_same_limit(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["exact", pytest.param("rigid", marks=pytest.mark.campaign), "held, with mass in cables"]
+    "name",
+    ["exact", *(pytest.param(name, marks=pytest.mark.campaign) for name in ("rigid", "held, with mass in cables"))],
 )
 def test_closer_bounds_are_those_of_the_dense_motion(name):
     """The largest stiffness and damping among motions that keep the constraints, at most 2 % more."""
@@ -147,7 +148,13 @@ def test_slow_growth_of_a_column_is_no_fault_of_the_step():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ground", [ExactGround(), PenaltyGround(1e4, 1.0)], ids=["exact", "penalty"])
+@pytest.mark.parametrize(
+    "ground",
+    [
+        pytest.param(ExactGround(), id="exact"),
+        pytest.param(PenaltyGround(1e4, 1.0), id="penalty", marks=pytest.mark.campaign),
+    ],
+)
 def test_memory_does_not_grow_as_the_square_of_the_nodes(ground):
     """Thousands of separate nodes on the ground: one dense matrix of their coordinates has 7 GB, or 0.6 GB."""
     count = 10_000 if isinstance(ground, ExactGround) else 3000

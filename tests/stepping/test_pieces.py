@@ -54,7 +54,7 @@ def test_pieces_that_frames_limit_are_the_same_bit_for_bit(monkeypatch, falling)
         pytest.param("exact", 3.0, {}, 0.0, id="exact"),
         pytest.param("exact", 3.0, {}, 0.3, id="exact, moving", marks=pytest.mark.campaign),
         pytest.param("exact", 3.0, {"dtype": "float32"}, 0.0, id="exact, float32", marks=pytest.mark.campaign),
-        pytest.param("reference", 1.0, {}, 0.0, id="rk4"),
+        pytest.param("reference", 1.0, {}, 0.0, id="rk4", marks=pytest.mark.campaign),
         pytest.param("reference", 0.5, {"method": "tsit5", "dt": 2e-4}, 0.0, id="tsit5", marks=pytest.mark.campaign),
     ],
 )
@@ -65,7 +65,7 @@ def test_a_motion_in_pieces_is_the_same_bit_for_bit(monkeypatch, name, duration,
     assert_same_in_pieces(monkeypatch, scene, duration, **how)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_verlet_in_pieces_is_the_same_bit_for_bit(monkeypatch):
     """Of two nodes on a spring that fall: without dissipation."""
     structure = Structure(np.array([[0.0, 0, 1], [1, 0, 1]]), np.array([1.0, 3.0]), Members(((0, 1),), [50.0], [0.8]))

@@ -67,7 +67,7 @@ def test_pieces_share_a_push_between_them():
     assert np.abs(audit.residual).max() < 1e-12
 
 
-@pytest.mark.parametrize("method", ["rk4", pytest.param("tsit5", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", ["rk4", pytest.param("tsit5", marks=pytest.mark.campaign)])
 def test_other_methods_take_steps_that_see_it(method):
     """By default; a step that is given and would lose it is refused."""
     scene = pushed(1e-3, exact=False)

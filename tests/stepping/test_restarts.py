@@ -58,7 +58,7 @@ undamped = eqx.tree_at(
 ALL["verlet"] = undamped, "verlet"
 
 
-MARKS = {"swept": (), **dict.fromkeys(("rk4", "in a bowl"), pytest.mark.slow)}
+MARKS = {"swept": (), "in a bowl": pytest.mark.slow}
 """of those cut into single steps"""
 
 

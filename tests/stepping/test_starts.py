@@ -99,7 +99,7 @@ def test_traced_starts_get_a_code_from_methods_without_impulses():
     assert [int(rolled(jnp.asarray(q))) for q in (NODES, WRONG["longer struts"])] == [0, MISPLACED]
 
 
-@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("dtype", ["float64", pytest.param("float32", marks=pytest.mark.campaign)])
 def test_robots_of_a_population_that_start_so_fail_and_disturb_no_other(dtype):
     """Below the ground, nowhere, stretched, or with struts of another length; in float32 far from the origin too."""
     away = 0.0 if dtype == "float64" else 20.0

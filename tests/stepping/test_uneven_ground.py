@@ -123,7 +123,7 @@ PENALTY, EXACT = partial(PenaltyGround, 1e4, 2.0), ExactGround
     ("kind", "surface"),
     [
         pytest.param(EXACT, HeightFunction(as_plane), marks=pytest.mark.slow),
-        pytest.param(PENALTY, Slope(0.3), marks=pytest.mark.slow),
+        pytest.param(PENALTY, Slope(0.3), marks=pytest.mark.campaign),
         pytest.param(EXACT, Slope(0.3), marks=pytest.mark.campaign),
         pytest.param(PENALTY, HeightFunction(as_plane), marks=pytest.mark.campaign),
     ],
@@ -355,7 +355,7 @@ class Ramp(Surface):
 @pytest.mark.parametrize(
     ("ground", "surface"),
     [
-        pytest.param(PenaltyGround(1e4, 1.0), Ramp(), id="penalty, own"),
+        pytest.param(PenaltyGround(1e4, 1.0), Ramp(), id="penalty, own", marks=pytest.mark.campaign),
         pytest.param(ExactGround(), HeightFunction(lambda x, y: np.float64(0.1) * x), id="exact, function"),
     ],
 )
