@@ -158,8 +158,8 @@ def short(record: Record) -> str:
         ]
         for name, found in chosen
     ]
-    at_once = f"{record['gaits']} robots at once on {record['cores']} cores, {duration:g} s of motion each"
-    return table([at_once, "precision", "step, ms", "robots per second", "million steps per second"], rows)
+    head = f"program ({record['gaits']} robots at once on {record['cores']} cores, {duration:g} s of motion each)"
+    return table([head, "precision", "step, ms", "robots per second", "million steps per second"], rows)
 
 
 def costs_table(record: Record) -> str:

@@ -125,7 +125,7 @@ def gaits_table(names: tuple[str, ...] = gait_names()) -> str:
         stroke = _stroke(gait, getattr(scene.structure, moved), count)
         rows.append([
             f"`{name}`", f"{record['motion']['kind']}; {moved}, {100 * stroke:.0f} %",
-            _speed(steady) if along is None else f"{along['speed'] / size:.2f} up {slope:.0f}°, seen from above",
+            _speed(steady) if along is None else f"{along['speed'] / size:.2f} (up {slope:.0f}°, as on a map)",
             "-" if along is not None else _bend(steady), f"{steady['settled_after']:.0f}",
             _with_bar(steady["cycle"], "peak_power", 0), _of_robots(mean / size, robots, size),
         ])  # fmt: skip
