@@ -1,10 +1,11 @@
 """The tables of README and docs about the default search's gait and the library's."""
 
+import jax
 import numpy as np
 from measurements.pages import columns, made_by, table, whole_zero
 
 from jaxgrity import Gait, Members, gait_names, gait_record, load_gait, load_scene, with_error
-from jaxgrity.model.actuation import rest_lengths_along
+from jaxgrity.model import rest_length
 
 Facts = dict
 
@@ -135,7 +136,8 @@ def gaits_table(names: tuple[str, ...] = gait_names()) -> str:
 def _stroke(gait: Gait, members: Members, first: int) -> float:
     """By which share of its length the member that moves most is shortened at most."""
     times = float(gait.start + gait.ramp) + np.arange(200) / 200 / float(np.min(gait.frequency))
-    return float(np.max(1 - np.asarray(rest_lengths_along(members, gait, times, first)) / members.rest_length))
+    lengths = jax.vmap(lambda t: rest_length(members, gait, t, first))(times)
+    return float(np.max(1 - np.asarray(lengths) / members.rest_length))
 
 
 def full_gaits_tables() -> dict[str, str]:

@@ -9,9 +9,8 @@ import numpy as np
 from measurements.measurement import Record, measurement
 from measurements.pages import columns
 
-from jaxgrity import Gait, Members, PenaltyGround, Scene, SolverOptions, Structure, simulate
+from jaxgrity import Gait, Members, PenaltyGround, Scene, SolverOptions, Structure, edge_lengths, simulate
 from jaxgrity.formats import read_mjcf, save_mjcf
-from jaxgrity.model.structure import edge_lengths
 from jaxgrity.structures import random_tensegrity
 
 STIFF = (1e4, 2e4)
