@@ -3,7 +3,7 @@
 import importlib.util
 import itertools
 import shlex
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -108,7 +108,8 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     x, carrier, shared = shared_nodes(x, carrier, joints)
     x, carrier = with_nodes_of_the_world(model, x, carrier, joints)
     if any(is_free(model, body) for body in carrier.tolist()):
-        springs = _as_cables(model, data, springs, x, notes)
+        rest = {each.name: each.rest_length for each in tendons}
+        springs = _as_cables(springs, x, lambda names: slack(model, data, {k: rest[k] for k in names}), notes)
     springs = [pushing_cable(each, 0.0) if each.kind == "strut" and len(each.path) > 2 else each for each in springs]
     springs = with_others_beside(springs)
     pushing = [spring for spring in springs if spring.kind == "strut"]
@@ -228,20 +229,18 @@ def _refuse_shared_pairs(springs: list[Spring]) -> None:
             seen[pair] = spring.name
 
 
-def _as_cables(model: Any, data: Any, springs: list[Spring], x: np.ndarray, notes: list[str]) -> list[Spring]:
-    """Springs both ways beside rigid bodies: cables where they are stretched, which push if they do so there."""
-    ways = {spring.name: spring for spring in springs if spring.kind == "strut"}
-    stretched = {
-        name: spring
-        for name, spring in ways.items()
-        if edge_lengths(x, _segments([spring])).sum() >= spring.rest_length
-    }
-    short = slack(model, data, stretched)
-    if taut := stretched.keys() - short:
-        notes.append(f"{len(taut)} tendons would push, too, if they went slack; here they are cables, which do not")
+def _as_cables(
+    springs: list[Spring], x: np.ndarray, short: Callable[[list[str]], set[str]], notes: list[str]
+) -> list[Spring]:
+    """Springs both ways beside rigid bodies: cables where they are stretched, which push if they go `short` there."""
+    ways = (spring for spring in springs if spring.kind == "strut")
+    stretched = [each for each in ways if edge_lengths(x, _segments([each])).sum() >= each.rest_length]
+    pushing = short([each.name for each in stretched])
+    if taut := len(stretched) - len(pushing):
+        notes.append(f"{taut} tendons would push, too, if they went slack; here they are cables, which do not")
     cables = {
-        name: pushing_cable(each, 0.0) if name in short else each._replace(kind="cable")
-        for name, each in stretched.items()
+        each.name: pushing_cable(each, 0.0) if each.name in pushing else each._replace(kind="cable")
+        for each in stretched
     }
     return [cables.get(spring.name, spring) for spring in springs]
 
