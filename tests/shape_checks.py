@@ -51,11 +51,13 @@ def _decorated(jaxtyped: Callable, function: Any = None, *, typechecker: Callabl
 
 def _kind(x: Any) -> Hashable:
     """What decides whether an argument passes: a string; type, shape and dtype of an array; the first parts of a tuple,
-    of which beartype looks at one."""
+    of which beartype looks at one; those of a dictionary. Of anything else the type counts."""
     if isinstance(x, str):
         return x
     if type(x) in (tuple, list):
         return (type(x), len(x), *map(_kind, x[:4]))
+    if type(x) is dict:
+        return (dict, *((key, _kind(value)) for key, value in x.items()))
     return (type(x), x.shape, x.dtype) if isinstance(x, np.ndarray | np.generic | jax.Array) else type(x)
 
 

@@ -60,7 +60,7 @@ def carried(
         body = numbers[number]
         return _as_body(inertia_of(model, data, body), name_of(model, "body", body), solid[body], x, joints)
 
-    rigid = joined_bodies([each.tolist() for each in solid.values()], {node for node, _ in fixed}, made)
+    rigid = joined_bodies([each.tolist() for each in solid.values()], tuple(fixed), made)
     return mass, tuple(fixed), rods, rigid
 
 

@@ -134,15 +134,21 @@ def _with_force(spring: Spring, force: Force, losses: Losses) -> Spring:
 def _slack_dampers(model: Any, data: Any, springs: list[Spring]) -> list[Spring]:
     """The springs; cables that go slack while MuJoCo moves the robot have dampers, which act then, as they do there."""
     damped = {each.name: each for each in springs if each.kind == "cable" and each.damping}
+    number = _numbers(model)
     for name in slack(model, data, {name: each.rest_length for name, each in damped.items()}):
-        each, c = damped[name], float(model.tendon_damping[model.tendon(name).id])
+        each, c = damped[name], float(model.tendon_damping[number[name]])
         damped[name] = each._replace(damping=max(each.damping - c, 0.0), damper=each.damper + c)
     return [damped.get(each.name, each) for each in springs]
 
 
+def _numbers(model: Any) -> dict[str, int]:
+    """The number of each tendon, by the name that notes give it."""
+    return {name_of(model, "tendon", t): t for t in range(model.ntendon)}
+
+
 def slack(model: Any, data: Any, rest_length: dict[str, float]) -> set[str]:
     """The tendons that are shorter than these rest lengths, m, at the start, or while MuJoCo moves the robot."""
-    number = {name_of(model, "tendon", t): t for t in range(model.ntendon)}
+    number = _numbers(model)
     rows, rest = [number[name] for name in rest_length], np.array([*rest_length.values()])
     short = data.ten_length[rows] < rest
     for moved in watched(data) if len(rows) and not short.all() else ():

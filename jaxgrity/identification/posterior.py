@@ -55,11 +55,14 @@ def robots_at(found: Identified, drawn: np.ndarray) -> Differences:
     for number, path in enumerate(f"structure.bodies.{k}.matrix" for k in range(len(bodies))):
         for k in [k for k, parameter in enumerate(found.parameters) if parameter.path == path]:
             each = factors.setdefault("body_mass", np.ones((count, len(bodies))))
-            each[:, number] = [np.asarray(found.parameters[k].value(z[k])) for z in drawn]
+            each[:, number] *= [np.asarray(found.parameters[k].value(z[k])) for z in drawn]
             places.append(path)
     missing = [p.name for p in found.parameters if p.path not in places]
     if missing:
-        raise InputError(f"{missing[0]}: robots of a population cannot differ in it; expected {', '.join(DIFFERING)}")
+        raise InputError(
+            f"{missing[0]}: robots of a population cannot differ in it; expected {', '.join(DIFFERING)}, "
+            "or structure.bodies.N.matrix"
+        )
     if "friction" in factors:
         friction = factors["friction"].reshape(count, -1)
         if np.ptp(friction, axis=1).max() > ONE_FRICTION:

@@ -113,7 +113,7 @@ def build_bodies(tables: list[BodyTable], nodes: np.ndarray, fixed: Supports) ->
     """
     points = [[*dict.fromkeys([*table.basic, *table.nodes])] for table in tables]
     make = lambda number, basic: _body(number, tables[number], nodes, basic)  # noqa: E731
-    return joined_bodies(points, {node for node, _ in fixed}, make)
+    return joined_bodies(points, fixed, make)
 
 
 def _body(number: int, table: BodyTable, nodes: np.ndarray, joints: Joints) -> Body:

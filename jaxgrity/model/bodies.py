@@ -24,6 +24,8 @@ FLAT = 1e-9
 """Share of the largest second moment of mass below which a body has no extent along an axis: roundings leave less."""
 FAR = 0.05
 """Share of a body's size: points nearer to a line or plane through others are no good basic points with these."""
+LEAST_APART = 1e-3
+"""Smallest volume of three unit vectors, from a pinned node to the points that hold it: less is lost in float32."""
 BESIDE_POINTS = 1e-6
 """Share of a body's size by which points may lie beside the line or the plane in which all its mass lies."""
 
@@ -104,8 +106,9 @@ def rigid_body(
 ) -> Body:
     """A rigid body through some nodes, from its mass, its inertia and its centre of mass.
 
-    Nodes of several bodies are basic points of each. If a body has more than four, or if they lie in a plane, some are
-    *pinned* in its place: basic points of another body, at constant distances from three points of this one.
+    Nodes of several bodies are basic points of each, where that can be. If a body has more than four, or if they lie in
+    a plane, some are *pinned* instead: basic points of another body, at constant distances from three points of this
+    one. Only bodies with an extent along all axes can have them.
 
     Args:
         nodes: all nodes of the structure at the start, m.
@@ -134,6 +137,8 @@ def rigid_body(
     x = np.asarray(as_float(nodes))
     check_each("rigid_body: nodes", x, shape=(len(x) if x.ndim else 0, 3))
     hinges = tuple((joint[0], joint[-1]) for joint in basic if isinstance(joint, Sequence))
+    if any(isinstance(joint, Sequence) and len(joint) != 2 for joint in basic):
+        raise InputError(f"rigid_body: basic = {list(basic)}: expected nodes, and pairs of them for hinges")
     named = dict.fromkeys(k for joint in basic for k in (joint if isinstance(joint, Sequence) else (joint,)))
     points, joints = (check_indices("rigid_body: points", given, len(x)) for given in (points, [*named]))
     mass, moments, middle = as_float(mass), as_float(inertia), as_float_or_none(centre)
@@ -159,7 +164,8 @@ def _body(x: np.ndarray, points: tuple, inertia: tuple, basic: tuple, hinges: Ed
     size = np.ptp(x[list(points)], axis=0).max()
     if known:
         _check_beside(x, points, middle, axes, size)
-    chosen = _spanning(x, points, axes, basic, size)
+    tries = [_spanning(x, points, axes, basic, size, least) for least in (FAR, BESIDE_POINTS)]
+    chosen = next((each for each in tries if set(basic) <= set(each)), tries[0])
     pinned = _pinned(x, chosen, tuple(k for k in basic if k not in chosen), hinges)
     others = tuple(k for k in points if k not in chosen and k not in basic)
     # 1 and the place within the line, plane or space in which the mass lies: what a linear function of points takes
@@ -222,14 +228,18 @@ def _check_beside(x: np.ndarray, points: tuple, middle: np.ndarray, axes: np.nda
         )
 
 
-def _spanning(x: np.ndarray, points: tuple, axes: np.ndarray, given: tuple, size: float) -> tuple[int, ...]:
+def _spanning(
+    x: np.ndarray, points: tuple, axes: np.ndarray, given: tuple, size: float, least: float
+) -> tuple[int, ...]:
     """The basic points: `given` ones that are far from the point, line or plane before, or else the farthest point."""
     chosen: list[int] = []
     left = x[list(points)] @ axes.T
     left = left - left.mean(0)
     for number in range(len(axes) + 1):
         away = np.linalg.norm(left, axis=1)
-        far = [points.index(k) for k in given if k not in chosen and (not chosen or away[points.index(k)] > FAR * size)]
+        far = [
+            points.index(k) for k in given if k not in chosen and (not chosen or away[points.index(k)] > least * size)
+        ]
         best = max(far[:1] or range(len(points)), key=lambda k: (away[k], -k))
         if number and away[best] <= BESIDE_POINTS * size:
             what = {1: "two points on its line", 2: "three points in its plane", 3: "four points not in a plane"}
@@ -261,8 +271,11 @@ def _pinned(x: np.ndarray, basic: tuple, nodes: tuple, hinges: Edges) -> tuple[t
         held = {other for pair in hinges if node in pair for other in pair if other != node and other in before}
         threes = [three for three in itertools.combinations((*basic, *(held - {*basic})), 3) if held <= {*three}]
         best = max(threes, key=lambda three: _apart(x[list(three)] - x[node]), default=())
-        if not best or _apart(x[list(best)] - x[node]) <= BESIDE_POINTS:
-            raise InputError(f"rigid_body: points {list(before)} do not hold node {node}; expected more of them apart")
+        if not best or _apart(x[list(best)] - x[node]) <= LEAST_APART:
+            raise InputError(
+                f"rigid_body: points {list(before)} do not hold node {node}; expected points farther apart, and no "
+                "more joints and supports than hold the body"
+            )
         pins.append((node, *best))
     return tuple(pins)
 

@@ -128,7 +128,7 @@ def energy_of_bodies(bodies: Bodies, v: NodeVectors) -> Scalar | float:
 
 
 def body_pairs(bodies: Bodies, fixed: Supports = ()) -> tuple[Edges, PerMember]:
-    """The pairs of basic points at constant distance, without pairs of `fixed` ones, and these distances, m."""
+    """The pairs of points at constant distances (`Body.edges`) but for pairs of `fixed` ones; these distances, m."""
     still = {node for node, axes in fixed if set(axes) == set("xyz")}
     first: dict[frozenset, tuple[tuple[int, int], int]] = {}
     for row, edge in enumerate(edge for body in bodies for edge in body.edges):

@@ -1,4 +1,4 @@
-"""What keeps its distance: the ends of rigid struts, and the basic points of rigid bodies."""
+"""What keeps its distance: the ends of rigid struts, the basic points of rigid bodies, and their pinned nodes."""
 
 import itertools
 from typing import ClassVar
@@ -18,7 +18,7 @@ from jaxgrity.model.structure import edge_lengths
 
 
 class RigidBodies(Constraint):
-    """The basic points of a body keep their distances, and its other points follow them."""
+    """The basic points of a body, and its pinned nodes, keep their distances; its other points follow."""
 
     bodies: Bodies
     name: ClassVar[str] = "rigid bodies"
@@ -60,7 +60,7 @@ LINKS = (*RIGID, Slides)
 
 
 def rigid_pairs(scene: SceneParts) -> Edges:
-    """The pairs of nodes whose distance is a constraint: the rigid struts, then the bodies' basic points."""
+    """The pairs of nodes whose distance is a constraint: the rigid struts, then those of bodies."""
     structure = scene.structure
     struts = structure.struts.edges if structure.struts is not None and structure.struts.rigid else ()
     return (*struts, *body_pairs(structure.bodies, structure.fixed)[0]) if structure.bodies else struts

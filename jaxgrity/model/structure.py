@@ -115,7 +115,7 @@ class Structure(eqx.Module):
             raise InputError("structure.struts: struts cannot slide through nodes; expected clusters of cables only")
         _check_supports(self.fixed, shape[0])
         check_wraps(self.cables, self.nodes)
-        check_bodies(self.bodies, shape[0], [node for node, _ in self.fixed])
+        check_bodies(self.bodies, shape[0], self.fixed)
         _check_masses(self)
 
     @property

@@ -115,12 +115,11 @@ def equilibrium_near(scene: Scene, shape: NodeVectors, loads: NodeVectors | None
     """The equilibrium close to `shape`, m, differentiable with respect to `loads`, N, and everything in the scene.
 
     A stationary point of U(q, 0) - sum f·x + sum lambda c, with a multiplier for every rigid strut, and every pair of
-    basic points of a rigid body, whose c is l - L, and two for every sliding node, whose c are its distances from its
-    line. Other points of bodies follow. Newton's method (optimistix) finds it, and
-    the derivatives are those of the implicit function theorem: dq/dp = -K^-1 d2U/dq dp without multipliers. Where rigid
-    motions make K singular, the least squares solution is taken. `shape` comes from `resting_shape` and is held
-    constant; so are supported coordinates. NaN where Newton's method does not converge. K
-    is dense: some hundred nodes at most. float64 is needed.
+    points that a rigid body keeps apart, whose c is l - L, and two for every sliding node, whose c are its distances
+    from its line. Other points of bodies follow. Newton's method (optimistix) finds it, and the derivatives are those
+    of the implicit function theorem: dq/dp = -K^-1 d2U/dq dp without multipliers. Where rigid motions make K singular,
+    the least squares solution is taken. `shape` comes from `resting_shape` and is held constant; so are supported
+    coordinates. NaN where Newton's method does not converge. K is dense: some hundred nodes at most. float64 is needed.
     """
     near, bodies = jax.lax.stop_gradient(jnp.asarray(shape)), scene.structure.bodies
     follow = np.isin(np.arange(len(near)), independent_nodes(bodies, len(near)), invert=True)

@@ -162,6 +162,22 @@ def test_bodies_fly_as_in_mujoco(tmp_path):
     check_both_sides(lengths, {2: (0.9, 1.2), 3: (3.0, 3.2)})
 
 
+def test_tendons_without_names_have_dampers_that_act_while_they_are_slack(tmp_path):
+    """Notes number them; one goes slack."""
+    tendons = [
+        ("a0 b0", PULLING),
+        ("w a1", PULLING),
+        ("v b1", PULLING),
+        ("u a2", PULLING),
+        ("a1 b2", 'stiffness="9" damping="1" springlength="0 3"'),
+    ]
+    text = re.sub(r' name="t\d"', "", model(BOX, tendons))
+    named, plain = (found(tmp_path, each).scene for each in (model(BOX, tendons), text))
+    (one,), (other,) = plain.terms, named.terms
+    assert isinstance(one, CableDampers)
+    np.testing.assert_array_equal(one.damping, other.damping)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("path", "within"), [("a0 b0", 0.0), ("a2 a0 b0", np.sqrt(0.1725))])
 def test_a_spring_that_goes_slack_beside_bodies_pushes_as_there(path, within, tmp_path):

@@ -107,9 +107,31 @@ def test_what_holds_no_joint_is_refused():
         rigid_body(x, range(4), 1.0, [1.0, 1.0, 2.0], basic=range(4))
     body = rigid_body(x, range(5), 1.0, [1.0] * 3, basic=range(4))
     assert [pin[0] for pin in body.pinned] == [3]
-    with pytest.raises(InputError, match="node 3 is pinned, and is a basic point of no other body"):
+    with pytest.raises(InputError, match="node 3 is pinned, and is neither fixed along all axes"):
         Structure(x, np.zeros(5), bodies=(body,))
     held = Structure(x, np.zeros(5), bodies=(body,), fixed=((3, "xyz"),))
     assert held.bodies[0].edges[-3:] == tuple((3, other) for other in body.pinned[0][1:])
     with pytest.raises(InputError, match="expected the last points, each with three others"):
         dataclasses.replace(body, pinned=((0, 1, 2, 4),))
+
+
+def test_near_joints_are_basic_where_all_of_them_can_be():
+    """Of a straight body, a plate and one in space, whose joints are near to a line or plane."""
+    line = np.array([[0.0, 0, 0], [0.04, 0, 0], [1, 0, 0]])
+    assert set(rigid_body(line, range(3), 1.0, [0.0, 0.1, 0.1], basic=(0, 1)).basic) == {0, 1}
+    plate = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 0.04, 0], [0.5, 1, 0]])
+    assert set(rigid_body(plate, range(4), 1.0, [0.1, 0.1, 0.2], basic=(0, 1, 2)).basic) == {0, 1, 2}
+    space = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0.4, 0.4, 0.04], [0, 0, 1]])
+    body = rigid_body(space, range(5), 1.0, [1.0] * 3, basic=range(4))
+    assert (set(body.basic), body.pinned) == ({0, 1, 2, 3}, ())
+
+
+def test_nodes_that_are_held_along_some_axes_are_basic():
+    """They have no mass but that of their body, so that they cannot be pinned to it."""
+    text = LEG.replace("fixed = [0, 1]", 'fixed = [{node = 0, axes = "z"}, {node = 1, axes = "z"}]')
+    upper, _ = parse_scene(text).structure.bodies
+    assert {0, 1} <= set(upper.basic)
+    x = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1]])
+    body = rigid_body(x, range(5), 1.0, [1.0] * 3, basic=range(4))
+    with pytest.raises(InputError, match="node 3 is pinned, and is neither fixed along all axes"):
+        Structure(x, np.zeros(5), bodies=(body,), fixed=tuple((k, "z") for k in range(4)))

@@ -102,9 +102,14 @@ def test_a_body_tips_over_an_edge_as_a_strut_does(friction):
     np.testing.assert_allclose(body, strut, atol=1e-12)
 
 
-@pytest.mark.campaign
-@pytest.mark.parametrize("made", [on_post, on_rails])
-@pytest.mark.parametrize("contact", ["exact", "penalty"])
+@pytest.mark.parametrize(
+    ("made", "contact"),
+    [
+        pytest.param(on_post, "exact", marks=pytest.mark.slow),
+        *(pytest.param(*each, marks=pytest.mark.campaign) for each in ((on_rails, "exact"), (on_post, "penalty"))),
+        pytest.param(on_rails, "penalty", marks=pytest.mark.campaign),
+    ],
+)
 def test_a_cylinder_that_slides_begins_to_roll(made, contact):
     """At 2/3 of its speed: half of its mass counts once more as it turns, whatever it rolls on."""
     scene = made(contact)
