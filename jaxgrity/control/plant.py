@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.control.motor_limits import MotorLimits, contraction_reached
-from jaxgrity.control.possible_starts import possible
+from jaxgrity.control.possible_starts import lift_of, possible
 from jaxgrity.control.sensors import Observation, Readings, Sensors, first_readings, measure, read
 from jaxgrity.core.arguments import check_count, check_indices, check_key, check_number, is_number
 from jaxgrity.core.errors import InputError
@@ -21,10 +21,10 @@ from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, State
 from jaxgrity.model.actuation import Command, Gait, actuated_lengths
 from jaxgrity.model.scene import Scene, as_dtype, start_of, with_gait
-from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, last_axes, lift_over, over_lanes, step_axes
+from jaxgrity.populations.lanes import in_lanes, lane_axes, lanes_last, last_axes, over_lanes, step_axes
 from jaxgrity.populations.metrics import actuator_tension, check_told_apart
 from jaxgrity.populations.uncertainty import Differences
-from jaxgrity.stepping.complementarity import Lift, one_robot
+from jaxgrity.stepping.complementarity import Lift
 from jaxgrity.stepping.discretisation import discretise, with_scales_and_mobility
 from jaxgrity.stepping.loop import Carried, Step, advance, carried_at, state_of
 from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
@@ -70,7 +70,7 @@ class Plant(eqx.Module):
     @property
     def lift(self) -> Lift:
         """The map from one robot to all; "s" stands for the scene's axes."""
-        return _lift_of(self, self.scene)
+        return lift_of(self.scene, self.robots is None)
 
     @property
     def steps(self) -> int:
@@ -211,7 +211,10 @@ def begun(plant: Plant, key: Any, motion: State, tick: Any = 0, contraction: Any
     state = PlantState(jnp.asarray(tick), motion, None, reached, tension, Readings(None, None), key)
     # forces in the midst of a motion are those of the lengths that were commanded, and of this time
     scene = _commanded(plant, state, reached)
-    scheme, step = discretise(plant.options, _lift_of(plant, scene)), jnp.asarray(plant.period / plant.steps, dtype)
+    scheme, step = (
+        discretise(plant.options, lift_of(scene, plant.robots is None)),
+        jnp.asarray(plant.period / plant.steps, dtype),
+    )
     motion, first = carried_at(scheme, scene, jnp.asarray(state.tick * plant.period, dtype), step, motion)
     state = state._replace(motion=(jnp.asarray(motion[0]), jnp.asarray(motion[1])), solver=first)
     if not plant.sensors.remember:
@@ -232,7 +235,7 @@ def sense_now(plant: Plant, state: PlantState) -> Observation:
     """The readings of sensors without errors."""
     scene = _commanded(plant, state, state.contraction)
     axes = ("s", None, -1, -1)
-    return _lift_of(plant, scene)(measure, axes)(scene, state.tick * plant.period, *state.motion)
+    return lift_of(scene, plant.robots is None)(measure, axes)(scene, state.tick * plant.period, *state.motion)
 
 
 @typed
@@ -256,7 +259,7 @@ def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
     lengths = plant.lift(lambda scene: actuated_lengths(scene.structure, plant.members), ("s",))(plant.scene)
     reached = contraction_reached(plant.motors, state.contraction, wanted, plant.period, lengths, state.tension)
     scene = _commanded(plant, state, reached)
-    scheme = discretise(plant.options, _lift_of(plant, scene))
+    scheme = discretise(plant.options, lift_of(scene, plant.robots is None))
     h = jnp.asarray(plant.period / plant.steps, plant.options.dtype)
 
     def step(carry, k):
@@ -282,8 +285,4 @@ def _commanded(plant: Plant, state: PlantState, reached: AnyArray) -> Scene:
 
 
 def _tension(plant: Plant, scene: Scene, step: Step) -> AnyArray:
-    return _lift_of(plant, scene)(actuator_tension, ("s", step_axes(step.after)))(scene, step)
-
-
-def _lift_of(plant: Plant, scene: Scene) -> Lift:
-    return one_robot if plant.robots is None else lift_over(lane_axes(scene))
+    return lift_of(scene, plant.robots is None)(actuator_tension, ("s", step_axes(step.after)))(scene, step)

@@ -9,7 +9,7 @@ from jaxgrity.core.types import AnyArray, NodeVectors, State
 from jaxgrity.model.rigidity import linked
 from jaxgrity.model.scene import Scene
 from jaxgrity.populations.lanes import lane_axes, lift_over
-from jaxgrity.stepping.complementarity import one_robot
+from jaxgrity.stepping.complementarity import Lift, one_robot
 from jaxgrity.stepping.starts import (
     check_start,
     check_velocities,
@@ -47,5 +47,9 @@ def _impossible(scene: Scene, start: State, one: bool, constrained: bool) -> Any
         off = (start_failure(scene, q) != 0) | jnp.any(supports_slip(scene, v, 0.0)) | ~finite
         return off if constrained or not linked(scene) else off | velocities_stretch(scene, (q, v))
 
-    lift = one_robot if one else lift_over(lane_axes(scene))
-    return lift(impossible, ("s", -1, -1))(scene, *start)
+    return lift_of(scene, one)(impossible, ("s", -1, -1))(scene, *start)
+
+
+def lift_of(scene: Scene, one: bool) -> Lift:
+    """What makes a function of one robot a function of `one`, or of many beside each other."""
+    return one_robot if one else lift_over(lane_axes(scene))
