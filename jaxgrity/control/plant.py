@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.control.motor_limits import MotorLimits, contraction_reached
-from jaxgrity.control.possible_starts import lift_of, possible
+from jaxgrity.control.possible_starts import lift_for, possible
 from jaxgrity.control.sensors import Observation, Readings, Sensors, first_readings, measure, read
 from jaxgrity.core.arguments import check_count, check_indices, check_key, check_number, is_number
 from jaxgrity.core.errors import InputError
@@ -70,7 +70,7 @@ class Plant(eqx.Module):
     @property
     def lift(self) -> Lift:
         """The map from one robot to all; "s" stands for the scene's axes."""
-        return lift_of(self.scene, self.robots is None)
+        return lift_for(self.scene, self.robots is None)
 
     @property
     def steps(self) -> int:
@@ -212,7 +212,7 @@ def begun(plant: Plant, key: Any, motion: State, tick: Any = 0, contraction: Any
     # forces in the midst of a motion are those of the lengths that were commanded, and of this time
     scene = _commanded(plant, state, reached)
     scheme, step = (
-        discretise(plant.options, lift_of(scene, plant.robots is None)),
+        discretise(plant.options, lift_for(scene, plant.robots is None)),
         jnp.asarray(plant.period / plant.steps, dtype),
     )
     motion, first = carried_at(scheme, scene, jnp.asarray(state.tick * plant.period, dtype), step, motion)
@@ -235,7 +235,7 @@ def sense_now(plant: Plant, state: PlantState) -> Observation:
     """The readings of sensors without errors."""
     scene = _commanded(plant, state, state.contraction)
     axes = ("s", None, -1, -1)
-    return lift_of(scene, plant.robots is None)(measure, axes)(scene, state.tick * plant.period, *state.motion)
+    return lift_for(scene, plant.robots is None)(measure, axes)(scene, state.tick * plant.period, *state.motion)
 
 
 @typed
@@ -259,7 +259,7 @@ def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
     lengths = plant.lift(lambda scene: actuated_lengths(scene.structure, plant.members), ("s",))(plant.scene)
     reached = contraction_reached(plant.motors, state.contraction, wanted, plant.period, lengths, state.tension)
     scene = _commanded(plant, state, reached)
-    scheme = discretise(plant.options, lift_of(scene, plant.robots is None))
+    scheme = discretise(plant.options, lift_for(scene, plant.robots is None))
     h = jnp.asarray(plant.period / plant.steps, plant.options.dtype)
 
     def step(carry, k):
@@ -285,4 +285,4 @@ def _commanded(plant: Plant, state: PlantState, reached: AnyArray) -> Scene:
 
 
 def _tension(plant: Plant, scene: Scene, step: Step) -> AnyArray:
-    return lift_of(scene, plant.robots is None)(actuator_tension, ("s", step_axes(step.after)))(scene, step)
+    return lift_for(scene, plant.robots is None)(actuator_tension, ("s", step_axes(step.after)))(scene, step)

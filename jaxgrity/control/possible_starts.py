@@ -47,9 +47,9 @@ def _impossible(scene: Scene, start: State, one: bool, constrained: bool) -> Any
         off = (start_failure(scene, q) != 0) | jnp.any(supports_slip(scene, v, 0.0)) | ~finite
         return off if constrained or not linked(scene) else off | velocities_stretch(scene, (q, v))
 
-    return lift_of(scene, one)(impossible, ("s", -1, -1))(scene, *start)
+    return lift_for(scene, one)(impossible, ("s", -1, -1))(scene, *start)
 
 
-def lift_of(scene: Scene, one: bool) -> Lift:
+def lift_for(scene: Scene, one: bool) -> Lift:
     """What makes a function of one robot a function of `one`, or of many beside each other."""
     return one_robot if one else lift_over(lane_axes(scene))

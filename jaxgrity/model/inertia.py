@@ -169,9 +169,13 @@ def accelerations(structure: Structure, force: NodeVectors) -> NodeVectors:
     return following(bodies, place_rows(respond(own, take_rows(onto_basic(bodies, force), nodes)), nodes, size))
 
 
+def borne_by_supports(structure: Structure, missing: NodeVectors) -> NodeVectors:
+    """Forces of supports, (nodes, 3), N, from M a - F at all nodes: a support also bears what follows it."""
+    return along_fixed(structure, onto_basic(structure.bodies, missing))
+
+
 def along_fixed(structure: Structure, x: NodeVectors) -> NodeVectors:
-    """The part of vectors at nodes that lies along fixed coordinates: M a - F there is the reaction of a support."""
-    x = onto_basic(structure.bodies, x)
+    """The part of vectors at nodes that lies along fixed coordinates."""
     fixed = [(node, "xyz".index(axis)) for node, axes in structure.fixed for axis in axes]
     total: NodeVectors = jnp.zeros_like(x)
     for axis in range(3):

@@ -12,6 +12,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import place_rows
 from jaxgrity.core.tracing import evaluated, traced
 from jaxgrity.core.types import AnyArray, NodeVectors, Scalar, Vector, as_float
+from jaxgrity.model.body_points import following
 from jaxgrity.model.inertia import accelerations, along_fixed, momenta
 from jaxgrity.model.structure import Structure
 
@@ -39,8 +40,6 @@ class SupportMotion(eqx.Module):
         """Raises `InputError` if the structure has no supports, or the motion does not begin at rest."""
         if not structure.fixed:
             raise InputError("shaking moves supports, and nothing is fixed; expected a structure with supports")
-        if structure.bodies:
-            raise InputError("shaking moves no rigid bodies yet; expected supports that stand still, or rods as struts")
         if traced(self):
             return
         with jax.enable_x64(True), evaluated():
@@ -102,7 +101,9 @@ def support_velocity(motion: SupportMotion, structure: Structure, t: Scalar) -> 
 
 def with_supports(motion: SupportMotion | None, structure: Structure, t: Scalar, v: NodeVectors) -> NodeVectors:
     """Velocities v with those of the supports at time t in the fixed coordinates, m/s."""
-    return v if motion is None else v - along_fixed(structure, v) + support_velocity(motion, structure, t)
+    if motion is None:
+        return v
+    return following(structure.bodies, v - along_fixed(structure, v) + support_velocity(motion, structure, t))
 
 
 def moved_along(motion: SupportMotion, structure: Structure, begin: Scalar, end: Scalar, v: NodeVectors) -> NodeVectors:
@@ -113,7 +114,7 @@ def moved_along(motion: SupportMotion, structure: Structure, begin: Scalar, end:
     begin, end = (jnp.asarray(t, v.dtype) for t in (begin, end))
     mean = (motion.displacement(end) - motion.displacement(begin)) / (end - begin)
     change = _of_supports(structure, mean) - along_fixed(structure, v)
-    return v + change - accelerations(structure, momenta(structure, change))
+    return following(structure.bodies, v + change - accelerations(structure, momenta(structure, change)))
 
 
 def left_by_step(
@@ -128,7 +129,7 @@ def left_by_step(
         return v
     mean = (motion.displacement(t) - motion.displacement(t - h)) / h
     change = _of_supports(structure, mean) - along_fixed(structure, v)
-    return v + change + h / 2 * support_acceleration(motion, structure, t)
+    return following(structure.bodies, v + change + h / 2 * support_acceleration(motion, structure, t))
 
 
 def slips(motion: SupportMotion | None, structure: Structure, t: Scalar, v: AnyArray, allowed: Scalar) -> AnyArray:

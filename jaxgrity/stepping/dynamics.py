@@ -10,6 +10,7 @@ from jaxgrity.core.primitives import store_cotangent
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import NodeVectors, PerMember, PerNode, Scalar, State, VectorsByKind
 from jaxgrity.model import inertia
+from jaxgrity.model.body_points import following
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.shaking import support_acceleration, with_supports
 from jaxgrity.model.springs import along_members, elastic_tensions
@@ -38,7 +39,8 @@ def _accelerated(scene: Scene, t: Scalar, force: NodeVectors) -> NodeVectors:
     if scene.shaking is None:
         return inertia.accelerations(scene.structure, force)
     carried = support_acceleration(scene.shaking, scene.structure, t)
-    return carried + inertia.accelerations(scene.structure, force - inertia.momenta(scene.structure, carried))
+    a = carried + inertia.accelerations(scene.structure, force - inertia.momenta(scene.structure, carried))
+    return following(scene.structure.bodies, a)
 
 
 def support_forces(
@@ -51,7 +53,7 @@ def support_forces(
     """
     force = total_force(scene, t, q, v) + rigid
     moved = inertia.momenta(scene.structure, _accelerated(scene, t, force))
-    return inertia.along_fixed(scene.structure, moved - force)
+    return inertia.borne_by_supports(scene.structure, moved - force)
 
 
 def smooth_acceleration(scene: Scene, t: Scalar, q: NodeVectors, v: NodeVectors) -> NodeVectors:

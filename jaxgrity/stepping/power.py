@@ -9,7 +9,7 @@ from jaxgrity.core.dense import least_solution
 from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inner, inverse, length, scale
 from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.inertia import along_fixed, momenta
+from jaxgrity.model.inertia import momenta, borne_by_supports
 from jaxgrity.model.rigidity import linked, rigid_pairs
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
@@ -190,7 +190,7 @@ def support_impulses(scene: Scene, step: Step) -> NodeVectors:
     forces = step.kick * total_force(step.acting(scene), step.t0, q, (v + w) / 2)
     touched = *ground_impulses(scene, step), *between_struts(scene, step)
     others = sum(touched, forces + strut_impulses(scene, step))
-    return along_fixed(scene.structure, momenta(scene.structure, w - v) - others)
+    return borne_by_supports(scene.structure, momenta(scene.structure, w - v) - others)
 
 
 def ground_impulses(scene: Scene, step: Step) -> list[NodeVectors]:
