@@ -9,7 +9,7 @@ from jaxgrity.core.dense import least_solution
 from jaxgrity.core.primitives import accumulate, dot, edge_vectors, inner, inverse, length, scale
 from jaxgrity.core.types import Edges, NodeVectors, PerMember, PerNode, Scalar
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.inertia import momenta, borne_by_supports
+from jaxgrity.model.inertia import borne_by_supports, momenta
 from jaxgrity.model.rigidity import linked, rigid_pairs
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
