@@ -153,7 +153,7 @@ def test_files_and_twins_keep_it(exact):
     ]
     for each in (scene, soft):
         again = parse_scene(scene_toml(each))
-        assert "touching = { " in scene_toml(each)
+        assert "[touching]" in scene_toml(each)
         found = strut_contact(again).between
         assert found.pairs == ((0, 1), (4, 2))
         np.testing.assert_array_equal(found.radius, law.between.radius)
