@@ -70,7 +70,7 @@ class Plant(eqx.Module):
     @property
     def lift(self) -> Lift:
         """The map from one robot to all; "s" stands for the scene's axes."""
-        return lift_for(self.scene, self.robots is None)
+        return _lift_of(self, self.scene)
 
     @property
     def steps(self) -> int:
@@ -211,10 +211,7 @@ def begun(plant: Plant, key: Any, motion: State, tick: Any = 0, contraction: Any
     state = PlantState(jnp.asarray(tick), motion, None, reached, tension, Readings(None, None), key)
     # forces in the midst of a motion are those of the lengths that were commanded, and of this time
     scene = _commanded(plant, state, reached)
-    scheme, step = (
-        discretise(plant.options, lift_for(scene, plant.robots is None)),
-        jnp.asarray(plant.period / plant.steps, dtype),
-    )
+    scheme, step = discretise(plant.options, _lift_of(plant, scene)), jnp.asarray(plant.period / plant.steps, dtype)
     motion, first = carried_at(scheme, scene, jnp.asarray(state.tick * plant.period, dtype), step, motion)
     state = state._replace(motion=(jnp.asarray(motion[0]), jnp.asarray(motion[1])), solver=first)
     if not plant.sensors.remember:
@@ -235,7 +232,7 @@ def sense_now(plant: Plant, state: PlantState) -> Observation:
     """The readings of sensors without errors."""
     scene = _commanded(plant, state, state.contraction)
     axes = ("s", None, -1, -1)
-    return lift_for(scene, plant.robots is None)(measure, axes)(scene, state.tick * plant.period, *state.motion)
+    return _lift_of(plant, scene)(measure, axes)(scene, state.tick * plant.period, *state.motion)
 
 
 @typed
@@ -259,7 +256,7 @@ def actuate(plant: Plant, state: PlantState, wanted: AnyArray) -> PlantState:
     lengths = plant.lift(lambda scene: actuated_lengths(scene.structure, plant.members), ("s",))(plant.scene)
     reached = contraction_reached(plant.motors, state.contraction, wanted, plant.period, lengths, state.tension)
     scene = _commanded(plant, state, reached)
-    scheme = discretise(plant.options, lift_for(scene, plant.robots is None))
+    scheme = discretise(plant.options, _lift_of(plant, scene))
     h = jnp.asarray(plant.period / plant.steps, plant.options.dtype)
 
     def step(carry, k):
@@ -285,4 +282,8 @@ def _commanded(plant: Plant, state: PlantState, reached: AnyArray) -> Scene:
 
 
 def _tension(plant: Plant, scene: Scene, step: Step) -> AnyArray:
-    return lift_for(scene, plant.robots is None)(actuator_tension, ("s", step_axes(step.after)))(scene, step)
+    return _lift_of(plant, scene)(actuator_tension, ("s", step_axes(step.after)))(scene, step)
+
+
+def _lift_of(plant: Plant, scene: Scene) -> Lift:
+    return lift_for(scene, plant.robots is None)

@@ -118,8 +118,8 @@ def rigid_body(
         inertia: kg m^2 about the centre of mass along x, y and z at the start: (3, 3), or (3,) of principal axes.
             A plate has as much about its normal as about both other axes together, a rod nothing about its line.
         centre: (3,), m, of mass; by default the mean of the points.
-        basic: nodes of several bodies (joints), and supports: the first ones become basic points, if they can. Two
-            nodes that another body has, too (a hinge) are a pair here: the other body holds their distance.
+        basic: nodes of several bodies (joints), and supports. The first ones become basic points, if they can. Give the
+            two nodes of a hinge as a pair, since the other body holds their distance too.
         rods: pairs of points: lines along which the body may touch, as struts do (docs/terrain.md). By default it
             touches at its points alone.
 

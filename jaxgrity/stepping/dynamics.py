@@ -39,6 +39,7 @@ def _accelerated(scene: Scene, t: Scalar, force: NodeVectors) -> NodeVectors:
     if scene.shaking is None:
         return inertia.accelerations(scene.structure, force)
     carried = support_acceleration(scene.shaking, scene.structure, t)
+    # a node that follows basic points also follows those that are moved
     a = carried + inertia.accelerations(scene.structure, force - inertia.momenta(scene.structure, carried))
     return following(scene.structure.bodies, a)
 
