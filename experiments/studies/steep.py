@@ -2,11 +2,13 @@
 
 Random gaits slide down steep slopes, so searches that begin with them end at gaits that stand still. What counts is the
 displacement straight uphill, on robots that differ. Gaits are chosen on exact contact, and judged on both contact
-models. Displacement across may count against a gait.
+models.
 """
 
+import json
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 from measurements.measurement import Figure, Record, measurement
@@ -23,6 +25,7 @@ from jaxgrity import (
     search_gaits,
     with_gait,
 )
+from jaxgrity.io.files import read_text
 from jaxgrity.orbits import find_orbit
 from jaxgrity.report import plot
 from jaxgrity.search import EvaluationConfig, SearchSpace
@@ -32,6 +35,8 @@ UPHILL = np.pi
 CAUTION = 0.5
 """Standard deviations over robots that count against a gait: half as many as usual. Where few robots climb, gaits on
 which no two robots differ are those that stand still."""
+WATCHED = 300.0
+"""Time for which an orbit is looked for, s."""
 CLIMBS = 0.05
 """Speed uphill from which on a robot counts as climbing, body lengths/s."""
 
@@ -40,44 +45,45 @@ CLIMBS = 0.05
     page="gait_records.md",
     raw=("gaits",),
     drawn=("speeds",),
-    quick={"slopes": (15.0,), "duration": 12.0, "population": 8, "generations": (1, 1), "watched": 60.0},
+    quick={"slopes": (15.0,), "duration": 12.0, "population": 8, "generations": (1, 1)},
 )
 def steep(
     slopes: tuple[float, ...] = (17.5, 20.0, 21.0, 22.0, 23.0, 24.0, 25.0),
-    sideways: float = 0.0,
     duration: float = 60.0,
     population: int = 128,
     generations: tuple[int, int] = (40, 4),
-    watched: float = 300.0,
-    seed: int = 0,
+    friction: float = 0.8,
+    start: str = "uphill",
+    earlier: Path | None = None,
 ) -> Iterator[Record]:
     """A row for each slope: how fast robots that differ climb, and the orbit of the robot as it is said.
 
     Args:
         slopes: degrees, in the order of the searches
-        sideways: share of the displacement across that counts against a gait
         duration: of a rollout, s
         population: gaits per generation
         generations: of screening, and on the scene's own model
-        watched: s, for the orbit
-        seed: of the searches
+        friction: of the ground
+        start: gait of the library with which the first search begins
+        earlier: a record, whose rows come first and are not measured again
     """
-    gait, gaits, speeds = load_gait("uphill"), [], []
+    known = {"rows": [], "speeds": []} if earlier is None else json.loads(read_text(earlier))
+    yield from ({"friction": known.get("friction")} | row for row in known["rows"])
+    gait, gaits, speeds = load_gait(start), [], list(known["speeds"])
     for slope in slopes:
-        scene = on_slope(slope)
+        scene = on_slope(slope, friction)
         config = SearchConfig(
             duration=duration,
             population=population,
             generations=generations,
             from_gait=True,
-            seed=seed,
             space=SearchSpace(waves="none", amplitude=(0.05, 0.7), frequency=(0.2, 2.5), ramp=None),
-            evaluation=EvaluationConfig(SteadyDirection(UPHILL, sideways), caution=CAUTION, both_models=False),
+            evaluation=EvaluationConfig(SteadyDirection(UPHILL), caution=CAUTION, both_models=False),
             polish=None,
         )
         found = search_gaits(with_gait(scene, gait), config)
         gait, summary = found.gait, found.verdict.summary()
-        orbit = find_orbit(found.scene, watched)
+        orbit = find_orbit(found.scene, WATCHED)
         x, y = orbit.velocity
         own, other = found.verdict.robust, found.verdict.other_model
         robots = {name: np.nan_to_num(scores.each[0]) for name, scores in (("own", own), ("other", other))}
@@ -85,20 +91,22 @@ def steep(
         speeds.append({name: np.sort(each).tolist() for name, each in robots.items()})
         yield {
             "slope": slope,
+            "friction": friction,
             **{name: summary[name] for name in ("robust", "other_contact_model")},
             "climbing": {name: float(np.mean(each > CLIMBS)) for name, each in robots.items()},
             "settled": bool(orbit.settled),
             "uphill": -float(x) / orbit.body_length,
             "off": float(np.degrees(np.arctan2(abs(y), -x / np.cos(np.radians(slope))))),
         }
-    friction = float(scene.friction.sliding_mu)
-    return {"sideways": sideways, "duration": duration, "friction": friction, "gaits": gaits, "speeds": speeds}
+    return {"duration": duration, "gaits": gaits, "speeds": speeds}
 
 
-def on_slope(slope: float) -> Scene:
-    """The scene `uphill` on another slope, degrees."""
-    text, count = re.subn(r"(?m)^incline = [0-9.]+", f"incline = {float(np.radians(slope))!r}", scene_text("uphill"))
-    assert count == 1, "the scene file has one incline"
+def on_slope(slope: float, friction: float) -> Scene:
+    """The scene `uphill` on another slope, degrees, with another coefficient of friction."""
+    text = scene_text("uphill")
+    for name, value in {"incline": float(np.radians(slope)), "mu": float(friction)}.items():
+        text, count = re.subn(rf"(?m)^{name} = [0-9.]+", f"{name} = {value!r}", text)
+        assert count == 1, f"the scene file says {name} once"
     return parse_scene(text)
 
 
@@ -106,6 +114,7 @@ def on_slope(slope: float) -> Scene:
 def words(record: Record) -> str:
     """What was found on each slope."""
     cells = {
+        "friction": "{friction:g}",
         "slope": "{slope:g}°",
         "perturbed robots: speed, body lengths/s": lambda row: _with_spread(row["robust"]),
         "of these climb": lambda row: f"{row['climbing']['own']:.0%}",
@@ -128,8 +137,15 @@ def figure(record: Record, chart: Figure) -> None:
     for axes, name, title in zip(panes, ("own", "other"), ("exact contact", "penalty contact")):
         for row, speeds, marker in zip(record["rows"], record["speeds"], plot.MARKERS):
             share = (np.arange(len(speeds[name])) + 0.5) / len(speeds[name])
-            axes.plot(speeds[name], share, f"{marker}-", markevery=0.1, markersize=4, label=f"{row['slope']:g}°")
+            axes.plot(
+                speeds[name],
+                share,
+                f"{marker}-",
+                markevery=0.1,
+                markersize=4,
+                label=f"{row['slope']:g}°, {row['friction']:g}",
+            )
         axes.axvline(0, color="black", linewidth=0.8)
         axes.set(title=title, xlabel="speed (body lengths/s)")
     panes[0].set_ylabel("share of robots")
-    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside right upper", title="slope")
+    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside right upper", title="slope, friction")

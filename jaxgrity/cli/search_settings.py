@@ -60,7 +60,7 @@ class SearchSettings:
     """
 
     scene: str = "exact"
-    """name of a library scene (exact, reference, uphill, steep, softer), or a scene file (TOML) with a [gait]"""
+    """name of a library scene (exact, reference, uphill, steep, softer, three-bar), or a file (TOML) with a [gait]"""
     gait: str | None = None
     """gait to begin with: name of a library gait, or a gait.json; None: random gaits"""
     out: Path = Path("results/gait_search")

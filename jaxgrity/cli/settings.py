@@ -12,7 +12,7 @@ class SimulateSettings:
     """Simulate a robot: once with the gait of its scene, or once for each row of a CSV file of phases."""
 
     scene: Annotated[str, Positional]
-    """name of a library scene (exact, reference, uphill, steep, softer), or a scene file (TOML)"""
+    """name of a library scene (exact, reference, uphill, steep, softer, three-bar), or a scene file (TOML)"""
     gaits: Path | None = None
     """CSV file without a header; each row has the phases (rad) of one gait"""
     gait: str | None = None
@@ -74,7 +74,7 @@ class DiagnoseSettings:
     """Report how far you can trust a simulation: error bars, energy and momentum, sensitivity, penetration."""
 
     scene: Annotated[str, Positional]
-    """name of a library scene (exact, reference, uphill, steep, softer), or a scene file (TOML)"""
+    """name of a library scene (exact, reference, uphill, steep, softer, three-bar), or a scene file (TOML)"""
     gait: str | None = None
     """name of a library gait, or the gait.json of a search; replaces the gait of the scene"""
     duration: float = 10.0
@@ -101,9 +101,11 @@ class ValidateSettings:
     """
 
     scene: Annotated[str, Positional]
-    """name of a library scene (exact, reference, uphill, steep, softer), or a scene file (TOML)"""
+    """name of a library scene (exact, reference, uphill, steep, softer, three-bar), or a scene file (TOML)"""
     data: tuple[Path, ...]
-    """recordings (CSV) of the robot"""
+    """recordings of the robot (CSV, or JSON with the ends of its rods)"""
+    unit: float = 1.0
+    """length unit of the recordings, m"""
     identify: tuple[str, ...] = ()
     """parameters to fit, such as structure.cables.stiffness, or friction.mu=0.2 with its relative error (else 0.3)"""
     noise: float | None = None
@@ -127,7 +129,7 @@ class ExploreSettings:
     """Open a page with sliders for the robot, its gait and its ground, and watch how the motion changes."""
 
     scene: Annotated[str, Positional] = "exact"
-    """name of a library scene (exact, reference, uphill, steep, softer), or a scene file (TOML)"""
+    """name of a library scene (exact, reference, uphill, steep, softer, three-bar), or a scene file (TOML)"""
     duration: float = 10.0
     """simulated time, s"""
     host: str = "127.0.0.1"
@@ -143,7 +145,7 @@ class InspectSettings:
     """Report on a structure's statics: self-stress, mechanisms, stability, member forces and natural frequencies."""
 
     scene: Annotated[str, Positional]
-    """name of a library scene (exact, reference, uphill, steep, softer), or a scene file (TOML)"""
+    """name of a library scene (exact, reference, uphill, steep, softer, three-bar), or a scene file (TOML)"""
     out: Path = Path("results/inspect")
     """folder for inspection.json and forces.png"""
     quick: bool = False

@@ -88,11 +88,11 @@ def recorded_parts(scene: Scene, settings: ValidateSettings) -> tuple[dict[str, 
     With parameters to identify, one recording is cut in halves, and of several the last one is held out.
     """
     if not settings.data:
-        raise InputError("--data: names no recording; expected at least one file (CSV)")
+        raise InputError("--data: names no recording; expected at least one file (CSV or JSON)")
     parts: dict[str, Recording] = {}
     alike = len({path.name for path in settings.data}) < len(settings.data)
     for path in settings.data:
-        whole = read_recording(path, scene)
+        whole = read_recording(path, scene, settings.unit)
         short = whole.times - whole.times[0] <= QUICK
         if settings.quick and short.sum() < FEWEST_FRAMES:
             seen = f"rows in the first {QUICK:g} s: {short.sum()}"

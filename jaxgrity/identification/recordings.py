@@ -1,7 +1,8 @@
-"""Recorded motions as tables (CSV): times, where nodes were seen, and commands of actuated members."""
+"""Recorded motions as tables (CSV or JSON): times, where nodes were seen, and commands of actuated members."""
 
 import csv
 import io
+import json
 import re
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxgrity.core.arguments import check_each
 from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
@@ -23,6 +25,8 @@ COLUMN = re.compile(r"([xyz]|rest length |contraction )(0|[1-9]\d{0,8})")
 """A column's name: a coordinate, and the number of a node; or a command, and the number of a member."""
 COLUMNS = "t, x0, y0, z0, ..., rest length 3 or contraction 3"
 """The columns that there are, for messages."""
+ROD_END = re.compile(r"rod_(\w{1,20})_end_pt([12])")
+"""The key of a rod's end in a frame of JSON: the name of the rod, and which end."""
 FEWEST_FRAMES = 3
 """Fewest frames of a recording: a velocity is a difference of two, and another one is there to compare."""
 STRETCH = 1.5
@@ -59,29 +63,37 @@ class Recording(NamedTuple):
 
 
 @typed
-def read_recording(path: str | Path, scene: Scene) -> Recording:
-    """A recorded motion of a scene's robot from a table (CSV) with a header.
+def read_recording(path: str | Path, scene: Scene, unit: float = 1.0) -> Recording:
+    """A recorded motion of a scene's robot from a table: CSV with a header, or JSON (.json).
 
     Columns: `t` (s); `x0`, `y0`, `z0` (m) of node 0, and so on, z up, empty where a node was not seen; and commands
     of members, struts first, on straight lines between the rows: `rest length 3` (m), or `contraction 3`, a fraction
     of the member's rest length in the scene. Columns may be in any order. Supports may be left out. Frames before the
     first one in which every node was seen are left out.
 
+    JSON is a list of frames, as Chen and others publish for their robots (`processed_data.json`). Each frame has a
+    `time` (s), and of each rod both ends, such as `rod_01_end_pt1`: three coordinates, or null. The rods in the order
+    of the first frame have the nodes 0 and 1, 2 and 3, and so on. Other keys are left out.
+
     Args:
         path: of the file.
         scene: the robot, whose nodes and members the columns number.
+        unit: of all lengths in the file, m.
 
     Raises:
         InputError: one line with the file, the line or column, what it has, and what was expected.
     """
+    check_each("unit", unit, shape=(), above=0.0, unit="m")
     clock, found, table, lines = _read(path, scene.structure)
     times, positions = table[:, clock], np.full((len(table), *scene.structure.nodes.shape), np.nan)
     for k, line in enumerate(lines):
         if not np.isfinite(times[k]):
-            raise InputError(f"{path}: line {line} has no t; expected the time of each row, s")
+            raise InputError(f"{path}: {line} has no t; expected the time of each row, s")
         if k and not times[k] > times[k - 1]:
-            raise InputError(f"{path}: line {line} has t = {times[k]:g} after {times[k - 1]:g}; expected later times")
+            raise InputError(f"{path}: {line} has t = {times[k]:g} after {times[k - 1]:g}; expected later times")
     for (kind, number), column in found.items():
+        if kind != "contraction":
+            table[:, column] *= unit
         if kind in "xyz":
             positions[:, number, "xyz".index(kind)] = table[:, column]
     first = _first_whole(path, Recording(times, positions).known(scene.structure))
@@ -95,27 +107,60 @@ def read_recording(path: str | Path, scene: Scene) -> Recording:
     return recording
 
 
-def _read(path: str | Path, structure: Structure) -> tuple[int, dict[tuple[str, int], int], Table, list[int]]:
-    """The places of the times and of other columns, the numbers, NaN where there is none, and each row's line.
+def _read(path: str | Path, structure: Structure) -> tuple[int, dict[tuple[str, int], int], Table, list[str]]:
+    """The places of the times and of other columns, the numbers, NaN where there is none, and where each row stands.
 
     Names are checked first: with another separator, they are wrong too, and say it better than the numbers.
     """
+    names, rows = (_json_rows if str(path).endswith(".json") else _csv_rows)(path)
+    found = _columns(path, names, structure)
+    table = np.empty((len(rows), len(names)))
+    for place, (line, row) in zip(table, rows):
+        if len(row) != len(names):
+            raise InputError(f"{path}: {line} has {len(row)} cells; expected {len(names)}, one for each column")
+        for k, (name, cell) in enumerate(zip(names, row)):
+            place[k] = _number(cell, f"{path}: {line} has {name} =")
+    return names.index("t"), found, table, [line for line, _ in rows]
+
+
+def _csv_rows(path: str | Path) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """Names of columns; and of each row where it stands, and its cells."""
     reader = csv.reader(io.StringIO(read_text(path)), strict=True)
     try:
-        rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row]
+        rows = [(f"line {reader.line_num}", [cell.strip() for cell in row]) for row in reader if row]
     except csv.Error as error:
         raise InputError(f"{path}: not CSV: {error}") from error
     if not rows:
         raise InputError(f"{path}: is empty; expected a header with columns {COLUMNS}")
     (_, names), *rows = rows
-    found = _columns(path, names, structure)
-    table = np.empty((len(rows), len(names)))
-    for place, (line, row) in zip(table, rows):
-        if len(row) != len(names):
-            raise InputError(f"{path}: line {line} has {len(row)} cells; expected {len(names)}, one for each column")
-        for k, (name, cell) in enumerate(zip(names, row)):
-            place[k] = _number(cell, f"{path}: line {line} has {name} =")
-    return names.index("t"), found, table, [line for line, _ in rows]
+    return names, rows
+
+
+def _json_rows(path: str | Path) -> tuple[list[str], list[tuple[str, list[str]]]]:
+    """The same of a list of frames that have a time, and both ends of each rod."""
+    try:
+        frames = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not JSON: {error}") from error
+    if not (isinstance(frames, list) and frames and all(isinstance(frame, dict) for frame in frames)):
+        raise InputError(f"{path}: expected a list of frames, each with its time and the ends of the rods")
+    rods = list(dict.fromkeys(match[1] for match in map(ROD_END.fullmatch, frames[0]) if match))
+    ends = [f"rod_{rod}_end_pt{end}" for rod in rods for end in "12"]
+    rows = []
+    for number, frame in enumerate(frames):
+        row = [_cell(frame.get("time"))]
+        for end in ends:
+            place = frame.get(end) or [None] * 3
+            if not (isinstance(place, list) and len(place) == 3):
+                raise InputError(f"{path}: frame {number} has {end} = {place!r:.60}; expected three coordinates")
+            row += map(_cell, place)
+        rows.append((f"frame {number}", row))
+    return ["t", *(f"{axis}{node}" for node in range(len(ends)) for axis in "xyz")], rows
+
+
+def _cell(value: object) -> str:
+    """A value of JSON as a cell of a table: nothing where it is null."""
+    return "" if value is None else str(value)
 
 
 def _number(cell: str, where: str) -> float:
@@ -176,7 +221,7 @@ def _commands(
     asked: dict[tuple[str, int], int],
     times: Times,
     table: Table,
-    lines: list[int],
+    lines: list[str],
     structure: Structure,
 ) -> Commands:
     """The contractions of the commanded members."""
@@ -198,7 +243,7 @@ def _commands(
         if wrong.size:
             given = "nothing" if np.isnan(values[wrong[0]]) else f"{values[wrong[0]]:g}"
             expected = "a positive number of metres" if kind == "rest length" else "a fraction below 1"
-            where = f"{path}: line {lines[wrong[0]]} has {kind} {number} = {given}"
+            where = f"{path}: {lines[wrong[0]]} has {kind} {number} = {given}"
             raise InputError(f"{where}; expected {expected} in each row")
         contractions.append(share)
     return Commands(members, times, np.stack(contractions, axis=1))

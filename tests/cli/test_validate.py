@@ -151,3 +151,24 @@ def test_a_sentence_says_where_a_simulation_fails():
     said = validate.sentence(row, 1.0)
     assert "the simulated nodes are nowhere, since the simulation failed (take a smaller --dt)." in said
     assert said.endswith("within 10% of a body length for the first 0.7 s.")
+
+
+@pytest.mark.campaign
+def test_a_published_robot_beside_a_file_in_another_unit(tmp_path, capsys):
+    """Three bars, by the ends of its rods as JSON in decimetres: cables 20 % stiffer than the scene's are found."""
+    scene = load_scene("three-bar")
+    stiff = Parameter("structure.cables.stiffness", 0.3)
+    moved = simulate(changed(scene, [stiff], np.log([1.2]) / 0.3), 2.6, frame_rate=50.0)
+    seen = 10 * (np.asarray(moved.positions) + np.random.default_rng(0).normal(0, 1e-4, moved.positions.shape))
+    names = [f"rod_{rod}_end_pt{end}" for rod in ("01", "23", "45") for end in "12"]
+    frames = [
+        {"time": float(t)} | dict(zip(names, places.tolist())) for t, places in zip(np.asarray(moved.times), seen)
+    ]
+    (tmp_path / "processed_data.json").write_text(json.dumps(frames[50:]))
+    how = {"unit": 0.1, "noise": 1e-4, "identify": ("structure.cables.stiffness=0.3",), "quick": True}
+    validate.main(ValidateSettings("three-bar", (tmp_path / "processed_data.json",), out=tmp_path, **how))
+    assert "after identification" in capsys.readouterr().out
+    found = json.loads((tmp_path / "summary.json").read_text())
+    assert 1.17 < found["identified"]["estimates"][0]["value"] < 1.23
+    for part in found["parts"]:
+        assert part["identified"]["error"] < 0.5 * part["simulated"]["error"]

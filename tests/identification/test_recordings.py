@@ -1,5 +1,6 @@
 """Recorded motions as tables: what is read, what is refused, where a simulation starts, and how far it is off."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -59,6 +60,60 @@ def test_commanded_rest_lengths_are_shares_of_the_scenes(tmp_path):
     commands = read(tmp_path, text + "".join(rows), swept()).commands
     assert commands.members == (2,)
     np.testing.assert_allclose(commands.contraction[:, 0], [0.0, 0.1, 0.2], atol=1e-15)
+
+
+FRAMES = [
+    {
+        "time": 0.5 + 0.1 * k,
+        "rod_07_end_pt1": [0.0, 10.0, 0.1 * k],
+        "rod_07_end_pt2": None if k == 2 else [10.0, 10.0, 0.0],
+        "targets": [1, 2],
+    }
+    for k in range(4)
+]
+
+
+def read_frames(tmp_path, frames: object, scene: Scene, unit: float = 1.0) -> Recording:
+    path = tmp_path / "processed.json"
+    path.write_text(frames if isinstance(frames, str) else json.dumps(frames))
+    return read_recording(path, scene, unit)
+
+
+def test_frames_with_the_ends_of_rods_are_read(tmp_path):
+    """Of JSON, in another unit; an end that was not seen is null, other keys do not count."""
+    rod = Scene(Structure([[0, 0, 0], [1.0, 0, 0]], [1.0, 1.0], Members(((0, 1),), [1.0], [1.0])))
+    found = read_frames(tmp_path, FRAMES, rod, unit=0.1)
+    np.testing.assert_allclose(found.times, [0.5, 0.6, 0.7, 0.8])
+    np.testing.assert_allclose(found.positions[:, 0], [[0.0, 1.0, 0.01 * k] for k in range(4)])
+    np.testing.assert_allclose(found.positions[:, 1], [[np.nan] * 3 if k == 2 else [1.0, 1.0, 0.0] for k in range(4)])
+    assert found.commands is None
+    with pytest.raises(InputError, match=r"unit = 0"):
+        read_frames(tmp_path, FRAMES, rod, unit=0.0)
+    with pytest.raises(InputError, match=r"processed.json: strut 0 \(nodes 0 and 1\) is 10 m long"):
+        read_frames(tmp_path, FRAMES, rod)
+
+
+@pytest.mark.parametrize(
+    ("frames", "words"),
+    [
+        ("[1, ", "not JSON"),
+        ({"time": 0}, "expected a list of frames"),
+        ([{"time": 0.0, "x": 1}] * 3, "has no places of nodes"),
+        (
+            [{**FRAMES[0], "rod_07_end_pt2": [1.0, 2.0]}] * 3,
+            r"frame 0 has rod_07_end_pt2 = \[1.0, 2.0\]; expected three",
+        ),
+        ([{**FRAMES[0], "rod_07_end_pt2": [1.0, 2.0, "up"]}] * 3, "frame 0 has z1 = 'up'; expected a finite number"),
+        ([FRAMES[0], FRAMES[0]], "frame 1 has t = 0.5 after 0.5; expected later times"),
+        ([{**FRAMES[0], "time": None}], "frame 0 has no t; expected the time"),
+        ([{**FRAMES[0], "rod_8_end_pt1": [0, 0, 0], "rod_8_end_pt2": [0, 0, 0]}] * 3, "column 'x2'; expected numbers"),
+    ],
+)
+def test_wrong_frames_are_refused_in_one_line(tmp_path, frames, words):
+    """With the file, the frame, what it has, and what was expected."""
+    with pytest.raises(InputError, match=rf"processed\.json: .*{words}") as refusal:
+        read_frames(tmp_path, frames, HANGING, unit=0.1)
+    assert "\n" not in str(refusal.value)
 
 
 HEAD = "t,x1,y1,z1\n"
