@@ -119,7 +119,7 @@ def build_scene(file: SceneFile, folder: Path) -> Scene:
         gravity=file.gravity.g if file.gravity else None,
         node_damping=damping,
         ground=ground,
-        friction=_friction(file.friction),
+        friction=_friction(file.friction, len(structure.nodes)),
         gait=_gait(file.gait, structure),
         loads=_loads(file, len(structure.nodes)),
         shaking=Shaking(**msgspec.structs.asdict(file.shaking)) if file.shaking else None,
@@ -247,21 +247,20 @@ def _loads(file: SceneFile, nodes: int) -> tuple[LoadCase, ...]:
     )
 
 
-def _friction(table: FrictionTable | None) -> Friction | None:
+def _friction(table: FrictionTable | None, nodes: int) -> Friction | None:
     if table is None:
         return None
-    names = {
-        "smooth": ["mu", "slip_speed"],
-        "switch": ["mu_static", "mu_kinetic", "slip_speed"],
-        "cone": ["mu"],
-    }[table.kind]
+    switch = ["mu_static", "mu_kinetic", "slip_speed"]
+    names = {"smooth": ["mu", "slip_speed"], "switch": switch, "cone": ["mu"]}[table.kind]
     given = [n for n in ("mu", "mu_static", "mu_kinetic", "slip_speed") if getattr(table, n) is not None]
     if given != names:
         raise InputError(
             f"friction.kind = {table.kind!r} comes with {', '.join(given) or 'no keys'}; expected {', '.join(names)}"
         )
     kinds: dict[str, type[Friction]] = {"smooth": SmoothFriction, "switch": SwitchFriction, "cone": ConeFriction}
-    return kinds[table.kind](*(getattr(table, name) for name in names))
+    values = {name: getattr(table, name) for name in names}
+    lists = {name: per_member(x, nodes, f"friction.{name}") for name, x in values.items() if isinstance(x, list)}
+    return kinds[table.kind](**values | lists)
 
 
 def _gait(table: GaitTable | None, structure: Structure) -> Gait | None:

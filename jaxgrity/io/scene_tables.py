@@ -50,9 +50,9 @@ class GroundTable(Table):
 
 class FrictionTable(Table):
     kind: Literal["smooth", "switch", "cone"] = "smooth"
-    mu: NotNegative | None = None
-    mu_static: NotNegative | None = None
-    mu_kinetic: NotNegative | None = None
+    mu: NotNegative | list[NotNegative] | None = None
+    mu_static: NotNegative | list[NotNegative] | None = None
+    mu_kinetic: NotNegative | list[NotNegative] | None = None
     slip_speed: Positive | None = None
 
 

@@ -222,7 +222,7 @@ def _friction(friction: Friction | None) -> FrictionTable | None:
         return None
     if type(friction) not in FRICTIONS:
         raise _no_key("friction", friction)
-    given = {name: _scalar(f"friction.{name}", value) for name, value in vars(friction).items()}
+    given = {name: one_or_all(value) for name, value in vars(friction).items()}
     return FrictionTable(kind=FRICTIONS[type(friction)], **given)  # type: ignore[arg-type]
 
 

@@ -327,6 +327,7 @@ def bad(old: str, new: str, *words: str):
         bad('members = "struts"', "members = [0, 1, 2, 3, 4, 30]", "gait.members names member 30; expected 0 to 29"),
         bad('members = "struts"', "members = [0, 0]", "gait.members = [0, 0]: expected", "none twice"),
         bad('members = "struts"', "members = []", "gait.members = []: expected at least one member"),
+        bad("mu = 0.5", "mu = [0.5, 0.6]", "friction.mu has 2 numbers; expected one, or 12"),
         bad("mu = 0.5", "mu_static = 0.5", "friction.kind = 'smooth' comes with mu_static", "expected mu, slip_speed"),
         bad('kind = "smooth"', 'kind = "cone"', "friction.kind = 'cone' comes with mu, slip_speed; expected mu"),
         bad(

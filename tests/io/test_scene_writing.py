@@ -85,7 +85,7 @@ stiffness = 1e4
 surface = { kind = "stairs", rise = 0.1, run = 0.4, steps = 3, turn = 0.3, rounding = 0.01 }
 [friction]
 kind = "switch"
-mu_static = 0.6
+mu_static = [{mu}]
 mu_kinetic = 0.5
 slip_speed = 0.01
 [wind]
@@ -106,7 +106,9 @@ ramp = 0.02
 members = { random = 0.3, seed = 1 }
 phase = { seed = 2 }
 frequency = 0.7
-""".replace("{prestrain}", ", ".join(str(0.01 * k) for k in range(24))),
+""".replace("{prestrain}", ", ".join(str(0.01 * k) for k in range(24))).replace(
+        "{mu}", ", ".join(str(0.6 + 0.01 * k) for k in range(12))
+    ),
     "obstacles on a slope": """
 [structure]
 kind = "prism"
