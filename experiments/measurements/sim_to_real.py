@@ -82,7 +82,7 @@ def words(record: Record) -> str:
     ]
     rows.append(["the robot itself", "", "", f"{record['true']:.4f}", "", "", ""])
     speed = ["mean speed, m/s", "standard deviation, m/s", "most probable robot, m/s"]
-    others = ["standard deviation by the gradient, m/s", "robots that roll", "variance explained"]
+    others = ["standard deviation by the gradient, m/s", "robots near full speed", "variance explained"]
     return table([f"{record['robots']} plausible robots", *speed, *others], rows)
 
 
@@ -96,7 +96,7 @@ def shares(record: Record) -> str:
             parts = [f"{each[key]:.0%}" for key in ("gradient_share", "share")]
             rows.append([about, f"`{each['name']}`", f"{each['spread']:.1%}", f"{each['slope']:+.4f}", *parts])
             about = ""
-    head = ["identification", "parameter", "plausible spread", "change of speed per spread, m/s"]
+    head = ["identification", "parameter", "spread that is left", "change of speed per first spread, m/s"]
     return table([*head, "variance removed, by the gradient", "variance removed, by the robots"], rows)
 
 

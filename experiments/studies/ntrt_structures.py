@@ -61,9 +61,9 @@ def words(record: Record) -> str:
         "nodes, rods, bodies, strings": "{nodes}, {rods}, {bodies}, {strings}",
         "mass, kg": "{mass:.3f}",
         "settling moves nodes, mm": lambda row: f"{1e3 * row['moved']:.0f}",
-        "settled height, m": lambda row: f"{row['exact']['start']:.2f}",
-        f"after {record['duration']:g} s on exact contact, m": lambda row: ending(row["exact"]),
-        "on penalty contact, m": lambda row: ending(row["penalty"]),
+        "height at rest without gravity, m": lambda row: f"{row['exact']['start']:.2f}",
+        f"height after {record['duration']:g} s, exact contact, m": lambda row: ending(row["exact"]),
+        "after 10 s, penalty contact, m": lambda row: ending(row["penalty"]),
     }
     return columns(record["rows"], cells)
 
