@@ -171,7 +171,7 @@ def _balls(model: Any, data: Any, geom: int, contact: Any, mu: float, losses: Lo
     if kind == types.mjGEOM_SPHERE:
         places, radius = [at], float(size[0])
     elif kind in (types.mjGEOM_CAPSULE, types.mjGEOM_CYLINDER):
-        places, radius = list(ends_of(model, data, geom)), float(size[0])
+        places, radius = list(axis_ends(model, data, geom)), float(size[0])
     elif kind == types.mjGEOM_BOX:
         corners = np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3)
         places, radius = list(at + (corners * size) @ turn.T), 0.0
@@ -181,7 +181,7 @@ def _balls(model: Any, data: Any, geom: int, contact: Any, mu: float, losses: Lo
     return [Touching(geom, body, place, radius + margin, mu) for place in places]
 
 
-def ends_of(model: Any, data: Any, geom: int) -> np.ndarray:
+def axis_ends(model: Any, data: Any, geom: int) -> np.ndarray:
     """(2, 3), m: both ends of the axis of a capsule or cylinder."""
     half = model.geom_size[geom][1] * data.geom_xmat[geom].reshape(3, 3)[:, 2]
     return np.stack([data.geom_xpos[geom] - half, data.geom_xpos[geom] + half])
@@ -205,7 +205,7 @@ def rod_geoms(model: Any, data: Any) -> dict[int, RodGeom]:
     touches[np.r_[model.pair_geom1, model.pair_geom2]] = True
     long = np.isin(model.geom_type, (types.mjGEOM_CAPSULE, types.mjGEOM_CYLINDER))
     for geom in np.flatnonzero(touches & long & (body != 0)).tolist():
-        ends, radius = ends_of(model, data, geom), float(model.geom_size[geom][0])
+        ends, radius = axis_ends(model, data, geom), float(model.geom_size[geom][0])
         balls = spheres[body[spheres] == body[geom]]
         within = np.linalg.norm(data.geom_xpos[balls] - ends[:, None], axis=2) + radius <= model.geom_size[balls, 0]
         if model.geom_type[geom] == types.mjGEOM_CAPSULE or np.all(np.any(within, axis=1)):
