@@ -1,5 +1,7 @@
 """What of a MuJoCo model touches its plane: radii, friction and places, as MuJoCo itself combines them."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import lazy_loader
@@ -16,7 +18,6 @@ from jaxgrity.formats.mjcf_losses import (
     lose_rims,
     name_of,
     restitution_of,
-    watched,
 )
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
@@ -59,6 +60,8 @@ class GroundFound(NamedTuple):
     """(k,), their bodies"""
     normal: np.ndarray = np.array([0.0, 0.0, 1.0])
     """(3,), unit vector, of the plane; the ground is level until it is turned"""
+    along: Mapping[int, float] = MappingProxyType({})
+    """radius, m, with MuJoCo's margin, of each geom that may touch the ground along its length"""
 
 
 def touched_plane(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, losses: Losses) -> GroundFound:
@@ -84,14 +87,13 @@ def what_touches(
     model: Any, data: Any, size: float, losses: Losses
 ) -> tuple[int | None, np.ndarray, list[Touching], float | None]:
     """The plane that is touched, its normal, the balls of all bodies, and the ground's restitution."""
-    _others_that_touch(model, data, losses)
     plane, contacts = _contacts(model, data)
     if plane is None:
         if np.any(model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE):
             losses.note("nothing touches the plane: the scene has no ground")
         return None, np.zeros(3), [], None
     n = data.geom_xmat[plane].reshape(3, 3)[:, 2]
-    mu = {geom: _friction(model, geom, found, size, losses) for geom, found in contacts.items()}
+    mu = {geom: friction_of(model, geom, found[0], size, losses) for geom, found in contacts.items()}
     if any(mu.values()) and model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL:
         losses.note(PYRAMID)
     balls = [ball for geom, found in contacts.items() for ball in _balls(model, data, geom, found[0], mu[geom], losses)]
@@ -114,13 +116,17 @@ def _contacts(model: Any, data: Any) -> tuple[int | None, dict[int, list[Any]]]:
         contacts = [contact for contact in beyond.contact if plane in contact.geom]
         for contact in contacts:
             geom = int(contact.geom[0] if contact.geom[1] == plane else contact.geom[1])
-            spring = (np.array(contact.solref), np.array(contact.solimp))
-            kept = (int(contact.dim), np.array(contact.friction), float(contact.includemargin), *spring)
-            found.setdefault(geom, []).append(kept)
+            found.setdefault(geom, []).append(as_found(contact))
         touched += [plane] if contacts else []
     if len(touched) > 1:
         raise InputError(f"has {len(touched)} planes that bodies touch; expected one, or none")
     return (touched[0] if touched else None), found
+
+
+def as_found(contact: Any) -> tuple[int, np.ndarray, float, np.ndarray, np.ndarray]:
+    """Of MuJoCo's contact: dimension, friction, margin (m), `solref` and `solimp`."""
+    spring = (np.array(contact.solref), np.array(contact.solimp))
+    return int(contact.dim), np.array(contact.friction), float(contact.includemargin), *spring
 
 
 def _moved(model: Any, way: np.ndarray) -> Any:
@@ -141,9 +147,9 @@ def _moved(model: Any, way: np.ndarray) -> Any:
     return data
 
 
-def _friction(model: Any, geom: int, contacts: list[Any], size: float, losses: Losses) -> float:
-    """mu of the contacts of a geom with the plane."""
-    dim, friction = contacts[0][:2]
+def friction_of(model: Any, geom: int, contact: Any, size: float, losses: Losses) -> float:
+    """mu of a contact of a geom, of which `as_found` says what MuJoCo makes."""
+    dim, friction = contact[:2]
     if dim == 1:
         return 0.0
     name = f"geom {name_of(model, 'geom', geom)}"
@@ -165,7 +171,7 @@ def _balls(model: Any, data: Any, geom: int, contact: Any, mu: float, losses: Lo
     if kind == types.mjGEOM_SPHERE:
         places, radius = [at], float(size[0])
     elif kind in (types.mjGEOM_CAPSULE, types.mjGEOM_CYLINDER):
-        places, radius = [at + s * size[1] * turn[:, 2] for s in (-1, 1)], float(size[0])
+        places, radius = list(axis_ends(model, data, geom)), float(size[0])
     elif kind == types.mjGEOM_BOX:
         corners = np.stack(np.meshgrid(*[(-1, 1)] * 3), -1).reshape(-1, 3)
         places, radius = list(at + (corners * size) @ turn.T), 0.0
@@ -173,6 +179,38 @@ def _balls(model: Any, data: Any, geom: int, contact: Any, mu: float, losses: Lo
         losses.lose("contact", f"geom {name_of(model, 'geom', geom)} touches the plane with a shape of its own")
         return []
     return [Touching(geom, body, place, radius + margin, mu) for place in places]
+
+
+def axis_ends(model: Any, data: Any, geom: int) -> np.ndarray:
+    """(2, 3), m: both ends of the axis of a capsule or cylinder."""
+    half = model.geom_size[geom][1] * data.geom_xmat[geom].reshape(3, 3)[:, 2]
+    return np.stack([data.geom_xpos[geom] - half, data.geom_xpos[geom] + half])
+
+
+class RodGeom(NamedTuple):
+    """A geom that touches something as a capsule: also a cylinder whose ends are within balls of its body."""
+
+    body: int
+    ends: np.ndarray
+    """(2, 3), m"""
+    radius: float
+    """m"""
+
+
+def rod_geoms(model: Any, data: Any) -> dict[int, RodGeom]:
+    """Those of bodies that move, by their numbers."""
+    types, body, found = mujoco.mjtGeom, model.body_weldid[model.geom_bodyid], {}
+    spheres = np.flatnonzero(model.geom_type == types.mjGEOM_SPHERE)
+    touches = (model.geom_contype | model.geom_conaffinity) != 0
+    touches[np.r_[model.pair_geom1, model.pair_geom2]] = True
+    long = np.isin(model.geom_type, (types.mjGEOM_CAPSULE, types.mjGEOM_CYLINDER))
+    for geom in np.flatnonzero(touches & long & (body != 0)).tolist():
+        ends, radius = axis_ends(model, data, geom), float(model.geom_size[geom][0])
+        balls = spheres[body[spheres] == body[geom]]
+        within = np.linalg.norm(data.geom_xpos[balls] - ends[:, None], axis=2) + radius <= model.geom_size[balls, 0]
+        if model.geom_type[geom] == types.mjGEOM_CAPSULE or np.all(np.any(within, axis=1)):
+            found[geom] = RodGeom(int(body[geom]), ends, radius)
+    return found
 
 
 def _at_nodes(
@@ -255,46 +293,3 @@ def lift_of(n: np.ndarray, plane: np.ndarray, radius: float, x: np.ndarray, size
     if abs(away) > 1e-12:
         losses.note(f"nodes are moved by {away:.4g} m against the plane's normal, onto a plane through the origin")
     return away * n
-
-
-def _others_that_touch(model: Any, data: Any, losses: Losses) -> None:
-    """Contact that a scene does not have: of bodies with each other, and with what stands beside the plane."""
-    body = model.body_weldid[model.geom_bodyid]
-    body = np.where(model.body_mocapid[body] >= 0, 0, body)  # bodies that only a program moves stand still
-    for contact in data.contact:
-        first, second = (int(body[geom]) for geom in contact.geom)
-        if first and second and first != second:
-            names = " and ".join(name_of(model, "body", b) for b in (first, second))
-            losses.lose("contact", f"bodies {names} touch each other at the start")
-    plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-    masks = np.stack([model.geom_contype, model.geom_conaffinity, body, model.geom_bodyid], 1)
-    standing = np.unique(masks[(body == 0) & ~plane], axis=0)
-    moving = np.unique(masks[body != 0], axis=0)
-    pairs = [(int(a), int(b)) for a, b in zip(model.pair_geom1, model.pair_geom2) if not plane[a] and not plane[b]]
-    beside = any(not body[a] or not body[b] for a, b in pairs)
-    if beside or any(_meets(model, one, moving) for one in standing):
-        losses.lose("contact", "bodies touch what stands beside the plane")
-    if len(pairs) or any(_meets(model, one, moving[k + 1 :]) for k, one in enumerate(moving)):
-        if met := _met(model, data, body):
-            losses.lose("contact", f"{met}; here they would pass through each other")
-        else:
-            losses.note("bodies that meet each other touch there; here they pass through each other")
-
-
-def _met(model: Any, data: Any, body: np.ndarray) -> str:
-    """Which bodies touch each other first while MuJoCo moves the robot for a while; nothing where none do."""
-    for moved in watched(data):
-        pairs = body[moved.contact.geom]
-        both = pairs[(pairs > 0).all(1) & (pairs[:, 0] != pairs[:, 1])] if len(pairs) else pairs
-        if len(both):
-            names = " and ".join(name_of(model, "body", int(b)) for b in both[0])
-            return f"bodies {names} touch each other {moved.time:.3g} s after the start"
-    return ""
-
-
-def _meets(model: Any, one: np.ndarray, others: np.ndarray) -> bool:
-    """Whether masks let a body touch one of others."""
-    others = others[others[:, 2] != one[2]]
-    low, high = np.minimum(others[:, 3], one[3]), np.maximum(others[:, 3], one[3])
-    excluded = np.isin((low.astype(int) << 16) + high, model.exclude_signature.astype(int))
-    return bool(np.any((((one[0] & others[:, 1]) | (others[:, 0] & one[1])) != 0) & ~excluded))

@@ -157,16 +157,26 @@ def check_spring(model: Any, geom: int, spring: Sequence[np.ndarray], deep: floa
     `spring` is the contact's `solref` and `solimp`. Exact contact is stiff. How deep it is pressed in is known within a
     factor of two: many contacts share a weight, and grow stiffer with depth.
     """
-    (time, ratio), impedance = spring[0].tolist(), float(spring[1][1])
-    period = time * ratio
-    if time <= 0:  # minus a stiffness, and minus a damping
-        period = 1 / np.sqrt(max(-time, 1e-300))
-        ratio = -ratio / 2 * period
+    (period, ratio), impedance = _period(spring[0]), float(spring[1][1])
     sinks = gravity_of(model) * (1 - impedance) * period**2
     if sinks > deep:
         name = f"geom {name_of(model, 'geom', geom)}"
         losses.lose("contact", f"{name}: its weight presses it some {sinks:.1g} m into the plane (solref, solimp)")
     return rebound(ratio)
+
+
+def _period(solref: np.ndarray) -> tuple[float, float]:
+    """The period, s, over 2 pi, and the damping ratio, of a contact."""
+    time, ratio = solref.tolist()
+    if time > 0:
+        return time * ratio, ratio
+    period = 1 / np.sqrt(max(-time, 1e-300))  # minus a stiffness, and minus a damping
+    return period, -ratio / 2 * period
+
+
+def bounces(solref: np.ndarray) -> bool:
+    """Whether a contact gives back more than `REBOUND` times its speed."""
+    return rebound(_period(solref)[1]) > REBOUND
 
 
 def restitution_of(model: Any, back: dict[int, float], losses: Losses) -> float | None:

@@ -20,6 +20,7 @@ from jaxgrity.formats.mjcf_drag import drag_of
 from jaxgrity.formats.mjcf_hinges import hinge_laws, with_nodes_of_the_world
 from jaxgrity.formats.mjcf_joints import joints_of, merge_welded, shared_nodes
 from jaxgrity.formats.mjcf_losses import DROPPABLE, check_losses, check_timestep, gravity_of, name_of, unlogged
+from jaxgrity.formats.mjcf_meeting import touching_along_rods
 from jaxgrity.formats.mjcf_rolling import touched_by_balls
 from jaxgrity.formats.mjcf_tendons import Spring, laws_of, pushing_cable, slack, springs_of, with_others_beside
 from jaxgrity.formats.mjcf_text import mjcf_text, with_element_lines
@@ -52,7 +53,7 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
     is a strut. A motor on a tendon without a spring makes it a cable that pulls at any length
     (`jaxgrity.model.commanded_pull`). A cable over several sites slides over their nodes (`Members.clusters`). Hinges
     keep their springs and dampers. Spheres, capsules and boxes that touch the plane are those of nodes, with one radius
-    for all. If gravity leans, robot and plane are turned together.
+    for all. Capsules of bodies are their `rods`, which touch each other if they do so in MuJoCo within a second. If gravity leans, robot and plane are turned together.
 
     What would make the robot move otherwise is refused, unless `drop` names its kind: then it is left out, and a note
     says so.
@@ -132,17 +133,17 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
     _note_controls([*pushing, *pulling], 0 if pushing or struts is None else len(struts.edges), notes)
     drag = drag_of(model, {site: place[merged[k]] for site, k in number.items()}, len(x), losses)
     found = found or touched_plane(model, data, x, carrier, losses)
-    structure = Structure(x - found.lift, masses, struts, cables, fixed=fixed, bodies=rigid)
     scene = Scene(
-        structure,
+        Structure(x - found.lift, masses, struts, cables, fixed=fixed, bodies=rigid),
         gravity_of(model) or None,
         drag if drag.any() else None,
         found.ground,
         found.friction,
         terms=(*laws_of(pulling, cables, notes), *hinges),
     )
-    scene = turned_upright(model, scene, found.normal, losses)
-    return Imported(scene, together(["SI units, z up, as in MuJoCo", *notes]))
+    touching = touching_along_rods(model, data, scene, (x, carrier, shared), found, losses)
+    upright = turned_upright(model, touching, found.normal, losses)
+    return Imported(upright, together(["SI units, z up, as in MuJoCo", *notes]))
 
 
 def _set_start(model: Any, data: Any, keyframe: str, losses: Losses) -> None:

@@ -7,7 +7,15 @@ import numpy as np
 from jaxgrity.formats.compounds import spanning_points
 from jaxgrity.formats.foreign import Losses, cone_of
 from jaxgrity.formats.mjcf_bodies import inertia_of
-from jaxgrity.formats.mjcf_contact import SAME_PLACE, GroundFound, Touching, is_within, lift_of, what_touches
+from jaxgrity.formats.mjcf_contact import (
+    SAME_PLACE,
+    GroundFound,
+    Touching,
+    is_within,
+    lift_of,
+    rod_geoms,
+    what_touches,
+)
 from jaxgrity.formats.mjcf_joints import Shared, own_nodes
 from jaxgrity.formats.mjcf_losses import largest_first, lose_beside_sites, lose_rims
 from jaxgrity.model.balls import Balls
@@ -40,12 +48,17 @@ def touched_by_balls(
     for body in many:
         # a flat body has its points in its plane
         extents = np.linalg.eigvalsh(inertia_of(model, data, body)[2])
-        flat = extents[0] <= FLAT * extents[-1]
-        more = np.zeros((0, 3)) if flat else spanning_points(x[own_nodes(carrier, shared, body)])
+        if extents[0] <= FLAT * extents[-1]:
+            continue
+        # rods begin and end at nodes
+        for end in (end for rod in rod_geoms(model, data).values() if rod.body == body for end in rod.ends):
+            if np.linalg.norm(x[own_nodes(carrier, shared, body)] - end, axis=1).min(initial=np.inf) > within:
+                x, carrier = np.r_[x, end[None]], np.r_[carrier, body]
+        more = spanning_points(x[own_nodes(carrier, shared, body)])
         x, carrier = np.r_[x, more], np.r_[carrier, np.full(len(more), body)]
-    added = {"more": x[len(at[0]) :], "carrier": carrier[len(at[0]) :]}
+    more, bodies = x[len(at[0]) :], carrier[len(at[0]) :]
     if plane is None or not found:
-        return GroundFound(None, None, np.zeros(3), **added)
+        return GroundFound(None, None, np.zeros(3), more, bodies)
     radius = np.array([ball.radius for ball in found.values()])
     lift = lift_of(n, data.geom_xpos[plane], 0.0, x[list(found)] - radius[:, None] * n, size, losses)
     sizes = " to ".join(dict.fromkeys(f"{each:.4g}" for each in (radius.min(), radius.max())))
@@ -54,7 +67,8 @@ def touched_by_balls(
     each = np.full(len(x), max(ball.mu for ball in found.values()))
     each[list(found)] = [ball.mu for ball in found.values()]
     ground = ExactGround(restitution=bounce, balls=Balls(tuple(found), radius))
-    return GroundFound(ground, cone_of(each), lift, **added, normal=n)
+    along = {ball.geom: ball.radius for ball in balls if ball.body in many}
+    return GroundFound(ground, cone_of(each), lift, more, bodies, n, along)
 
 
 def _outermost(model: Any, balls: list[Touching], within: float, losses: Losses) -> list[Touching]:

@@ -14,13 +14,16 @@ from jaxgrity.formats.mjcf_hinges import WINDING, joint_attributes
 from jaxgrity.formats.mjcf_losses import CONTACT_TIME, contact_spring
 from jaxgrity.formats.mjcf_members import add_members, written_limit
 from jaxgrity.formats.mjcf_plan import Plan, plan_of
+from jaxgrity.formats.mjcf_rods import WrittenRods, add_pairs, add_rod, written_rods
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.force_laws import CableDampers, DeadBand
 from jaxgrity.model.hinges import HingeDampers, HingeSprings
 from jaxgrity.model.pulls import CommandedPull
+from jaxgrity.model.rod_contact import ALONG_STRUTS
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.stiffening import PolynomialStiffness
+from jaxgrity.model.strut_contact import BETWEEN_STRUTS
 
 ADDED_INERTIA = 1e-13
 """Share of a body's inertia that is added: MuJoCo refuses flat bodies of which rounding leaves less than flat."""
@@ -60,7 +63,7 @@ def save_mjcf(scene: Scene, path: str | Path, timestep: float | None = None, int
     [0, L0], so that it only pulls. A cluster is one tendon over several sites. Members that the gait moves have
     actuators on their tendons in place of springs. Their force is K (L0 + u - l) - c l', and cables only pull. The
     control u is the change of rest length, m (`mjcf_controls`). A commanded pull is one that pulls with P - s u.
-    Contact is MuJoCo's own, between nodes and the plane.
+    Contact is MuJoCo's own, between the plane and nodes, or rods that touch along their length, and between such rods.
 
     Args:
         scene: the scene to write.
@@ -90,7 +93,6 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     """What `save_mjcf` writes. Raises as it does."""
     plan, notes = plan_of(scene)
     links = links_of(plan, scene.structure.bodies)
-    held = _held(scene, links)
     root = ElementTree.Element("mujoco", model="jaxgrity")
     g = 0.0 if scene.gravity is None else float(scene.gravity)
     scale = float(time_scale(scene)) if g else 1.0
@@ -101,7 +103,10 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     notes += _ground(world, scene, plan.larger, CONTACT_TIME * scale)
     drag = np.zeros(len(plan.node_mass)) if scene.node_damping is None else np.asarray(scene.node_damping, float)
     in_bodies = {node for link in links for node in link.nodes}
-    notes += _bodies(root, world, plan, links, held, step, scene)
+    capsules = written_rods(scene, plan, links)
+    notes += _bodies(root, world, plan, links, step, scene, capsules)
+    add_pairs(root, capsules.pairs, _largest_friction(scene), [CONTACT_TIME * scale, 1.0])
+    notes += [f"{capsules.left} rods that touch are springs there, and touch at their ends"] if capsules.left else []
     for node in range(len(drag)):
         if node not in in_bodies:
             _point(world, plan, node, drag[node])
@@ -110,7 +115,8 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     _drag_on_bodies(root, {node: drag[node] for node in sorted(in_bodies) if drag[node]})
     ElementTree.indent(root)
     limit = written_limit(scene)
-    others = [term for term in scene.terms if not isinstance(term, WRITTEN) and term is not limit]
+    touching = ALONG_STRUTS + BETWEEN_STRUTS
+    others = [term for term in scene.terms if not isinstance(term, WRITTEN + touching) and term is not limit]
     names = ", ".join(term.name for term in others)
     notes += [f"laws that have no counterpart in MuJoCo are left out: {names}"] if others else []
     notes += ["load cases are left out"] if scene.loads else []
@@ -124,7 +130,7 @@ def _ground(world: ElementTree.Element, scene: Scene, radius: float, time: float
         return []
     if scene.ground.surface is not None:
         return ["the ground is no plane, and is left out"]
-    mu = 0.0 if scene.friction is None else float(np.max(scene.friction.sliding_mu))
+    mu = _largest_friction(scene)
     n = scene.ground.normal
     at = [-radius * axis for axis in n]
     bounce, own = getattr(scene.ground, "restitution", None), time != CONTACT_TIME
@@ -136,6 +142,10 @@ def _ground(world: ElementTree.Element, scene: Scene, radius: float, time: float
     which = "the largest of the nodes' friction coefficients" if differ else "the friction coefficient of the scene"
     stiffness = "the time constant of its default at the robot's size" if own else "its default stiffness"
     return [f"contact is MuJoCo's own: soft, with {stiffness}, and with {which}"]
+
+
+def _largest_friction(scene: Scene) -> float:
+    return 0.0 if scene.friction is None else float(np.max(scene.friction.sliding_mu))
 
 
 def _held(scene: Scene, links: list[Link]) -> set[int]:
@@ -157,14 +167,14 @@ def _bodies(
     world: ElementTree.Element,
     plan: Plan,
     links: list[Link],
-    held: set[int],
     step: float,
     scene: Scene,
+    capsules: WrittenRods,
 ) -> list[str]:
     """Bodies in bodies, with a joint at the nodes that they share; loops of joints are closed by `connect`."""
     x, parts = np.asarray(plan.structure.nodes, float), {WORLD: world}
     drawn, written = set[int](), set[tuple[int, ...]]()
-    joints, loops = joints_between(links, held)
+    joints, loops = joints_between(links, _held(scene, links))
     for joint in joints:
         link = links[joint.link]
         origin = np.zeros(3) if joint.parent == WORLD else links[joint.parent].centre
@@ -177,9 +187,12 @@ def _bodies(
             ends, size = np.r_[start, end] - np.r_[link.centre, link.centre], THICKNESS * np.linalg.norm(end - start)
             if size > THINNEST:
                 add_element(body, "geom", type="capsule", fromto=ends, size=[size], contype=0, conaffinity=0, mass=0)
+        for capsule in capsules.each:
+            if capsule.link == joint.link:
+                add_rod(body, capsule, x - link.centre)
         for node in link.nodes:
             if node not in drawn:
-                _node(body, plan, node, x[node] - link.centre, 0.0)
+                _node(body, plan, node, x[node] - link.centre, 0.0, node not in capsules.instead)
                 drawn.add(node)
     closed = add_element(root, "equality") if loops else root
     stiff = {"solref": [2 * step, 1.0], "solimp": CLOSED}
@@ -222,9 +235,9 @@ def _point(world: ElementTree.Element, plan: Plan, node: int, drag: float) -> No
     _node(body, plan, node, np.zeros(3), plan.node_mass[node])
 
 
-def _node(body: ElementTree.Element, plan: Plan, node: int, at: np.ndarray, mass: float) -> None:
-    touches = node in plan.balls
-    size = plan.larger + plan.balls[node] if touches else plan.radius
+def _node(body: ElementTree.Element, plan: Plan, node: int, at: np.ndarray, mass: float, touches: bool = True) -> None:
+    size = plan.larger + plan.balls[node] if node in plan.balls else plan.radius
+    touches = touches and node in plan.balls
     add_element(body, "geom", size=[size], pos=at, mass=mass, contype=int(touches), conaffinity=0)
     add_element(body, "site", name=f"n{node}", pos=at)
 

@@ -1,0 +1,181 @@
+"""Bodies of a MuJoCo model that touch each other: along rods here, too. What else touches there is lost, or named."""
+
+import dataclasses
+import itertools
+from typing import Any, NamedTuple
+
+import lazy_loader
+import numpy as np
+
+from jaxgrity.formats.foreign import Losses
+from jaxgrity.formats.mjcf_contact import SAME_PLACE, GroundFound, as_found, friction_of, rod_geoms
+from jaxgrity.formats.mjcf_joints import Shared, own_nodes
+from jaxgrity.formats.mjcf_losses import bounces, name_of, watched
+from jaxgrity.model.bodies import Body
+from jaxgrity.model.rod_contact import with_contact_along_struts
+from jaxgrity.model.rods import free_pairs, rods_of
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.strut_contact import with_contact_between_struts
+
+mujoco: Any = lazy_loader.load("mujoco")
+
+SAME_FRICTION = 1e-6
+"""Largest difference of friction coefficients that count as the same."""
+
+
+class _Rod(NamedTuple):
+    """A capsule between two nodes of its body."""
+
+    ends: frozenset[int]
+    radius: float
+    """m"""
+
+
+class _Met(NamedTuple):
+    """Two geoms that touch."""
+
+    time: float
+    """s, when they first do"""
+    contact: Any
+    """as `as_found` has it"""
+
+
+Pair = tuple[int, int]
+"""Two geoms, in ascending order."""
+
+
+def touching_along_rods(
+    model: Any,
+    data: Any,
+    scene: Scene,
+    at: tuple[np.ndarray, np.ndarray, list[Shared]],
+    found: GroundFound,
+    losses: Losses,
+) -> Scene:
+    """The scene, whose bodies have capsules as `rods`, and touch each other along them if they do so in MuJoCo.
+
+    `at` has nodes, their bodies and joints. Raises `InputError` where bodies touch in other ways, unless the caller
+    drops it.
+    """
+    size = float(np.ptp(at[0], axis=0).max())
+    rods = _rods(model, data, at, SAME_PLACE * size)
+    bodies = tuple(_with_rods(body, rods) for body in scene.structure.bodies)
+    scene = dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, bodies=bodies))
+    number = {frozenset(edge): k for k, edge in enumerate(rods_of(scene.structure))}
+    known = {geom: number[rod.ends] for geom, rod in rods.items() if rod.ends in number}
+    # of geoms between the same nodes the thickest touches
+    if along := dict(sorted((known[geom], radius) for geom, radius in found.along.items() if geom in known)):
+        scene = with_contact_along_struts(scene, 1, tuple(along), list(along.values()))
+    radius = dict(sorted((k, rods[geom].radius) for geom, k in known.items()))
+    return _with_pairs(model, data, scene, (known, radius), size, losses)
+
+
+def _with_pairs(
+    model: Any, data: Any, scene: Scene, rods: tuple[dict[int, int], dict[int, float]], size: float, losses: Losses
+) -> Scene:
+    """The scene, in which rods touch each other: numbers of geoms' `rods`, and radii, m, of these numbers."""
+    known, radius = rods
+    free, given = set(map(frozenset, free_pairs(scene.structure))), _given(model)
+    pairs = {
+        (a, b): both
+        for a, b in itertools.combinations(sorted(known), 2)
+        if (both := frozenset((known[a], known[b]))) in free and ((a, b) in given or _may_touch(model, a, b))
+    }
+    struts = scene.structure.struts
+    soft = scene.ground is None and struts is not None and not struts.rigid
+    met, between = _met(model, data, losses), {pair: each for pair, each in given.items() if pair in pairs}
+    for pair, each in met.items():
+        if pair in pairs and not soft and not each.contact[2] and not bounces(each.contact[3]):
+            between[pair] = each
+        else:
+            a, b = (name_of(model, "body", int(model.geom_bodyid[geom])) for geom in pair)
+            when = f"{each.time:.3g} s after the start" if each.time else "at the start"
+            losses.lose(
+                "contact", f"bodies {a} and {b} touch each other {when}; here they would pass through each other"
+            )
+    if not between:
+        return scene
+    _check_friction(model, scene, between, size, losses)
+    every = [radius.get(k, next(iter(radius.values()))) for k in range(len(rods_of(scene.structure)))]
+    chosen = tuple(sorted({(min(both), max(both)) for both in pairs.values()}))
+    losses.note(f"{len(chosen)} pairs of rods can touch each other, without a rebound; other parts of bodies cannot")
+    return with_contact_between_struts(scene, every, chosen)
+
+
+def _rods(model: Any, data: Any, at: tuple[np.ndarray, np.ndarray, list[Shared]], within: float) -> dict[int, _Rod]:
+    """The geoms that touch something as capsules with nodes at both ends."""
+    (x, carrier, shared), found = at, {}
+    for geom, (body, ends, radius) in rod_geoms(model, data).items():
+        if len(own := own_nodes(carrier, shared, body)):
+            apart = np.linalg.norm(x[own] - ends[:, None], axis=2)
+            nodes = frozenset(own[apart.argmin(1)].tolist())
+            if len(nodes) == 2 and apart.min(1).max() <= within:
+                found[geom] = _Rod(nodes, radius)
+    return found
+
+
+def _with_rods(body: Body, rods: dict[int, _Rod]) -> Body:
+    own = {(min(rod.ends), max(rod.ends)) for rod in rods.values() if rod.ends <= {*body.points}}
+    return dataclasses.replace(body, rods=tuple(sorted(own)))
+
+
+def _given(model: Any) -> dict[Pair, _Met]:
+    """The pairs of geoms that the model itself names."""
+    found = {}
+    for k, (a, b) in enumerate(zip(model.pair_geom1.tolist(), model.pair_geom2.tolist())):
+        contact = int(model.pair_dim[k]), model.pair_friction[k], float(model.pair_margin[k]), model.pair_solref[k]
+        found[min(a, b), max(a, b)] = _Met(0.0, contact)
+    return found
+
+
+def _check_friction(model: Any, scene: Scene, between: dict[Pair, _Met], size: float, losses: Losses) -> None:
+    """Loses friction of rods with each other that is not that of the scene."""
+    own = np.ravel(0.0 if scene.friction is None else scene.friction.sliding_mu)
+    for (a, b), each in between.items():
+        mu = friction_of(model, a, each.contact, size, losses)
+        if np.abs(own - mu).max() > SAME_FRICTION:
+            names = " and ".join(name_of(model, "geom", geom) for geom in (a, b))
+            here = f"{own.min():g}" + f" to {own.max():g}" * bool(np.ptp(own))
+            losses.lose("friction", f"geoms {names} touch each other with friction {mu:g}, where nodes have {here}")
+
+
+def _met(model: Any, data: Any, losses: Losses) -> dict[Pair, _Met]:
+    """Which geoms of different bodies touch each other, at the start or while MuJoCo moves the robot for a while."""
+    body, found = _bodies(model), dict[Pair, _Met]()
+    plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    masks = np.stack([model.geom_contype, model.geom_conaffinity, body, model.geom_bodyid], 1)
+    standing = np.unique(masks[(body == 0) & ~plane], axis=0)
+    moving = np.unique(masks[body != 0], axis=0)
+    given = [pair for pair in _given(model) if not plane[[*pair]].any()]
+    if any(not body[[*pair]].all() for pair in given) or any(_meets(model, one, moving) for one in standing):
+        losses.lose("contact", "bodies touch what stands beside the plane")
+    may = bool(given) or any(_meets(model, one, moving[k + 1 :]) for k, one in enumerate(moving))
+    for time, moved in itertools.chain([(0.0, data)], ((moved.time, moved) for moved in watched(data) if may)):
+        pairs = np.sort(moved.contact.geom, axis=1)
+        for k in np.flatnonzero((body[pairs] > 0).all(1) & (body[pairs[:, 0]] != body[pairs[:, 1]])).tolist():
+            if (pair := tuple(pairs[k].tolist())) not in found:
+                found[pair] = _Met(time, as_found(moved.contact[k]))
+    if may and not found:
+        losses.note("bodies that meet each other touch there; here they pass through each other")
+    return found
+
+
+def _bodies(model: Any) -> np.ndarray:
+    """The body of each geom; 0 of what stands still, as do bodies that only a program moves."""
+    body = model.body_weldid[model.geom_bodyid]
+    return np.where(model.body_mocapid[body] >= 0, 0, body)
+
+
+def _may_touch(model: Any, one: int, other: int) -> bool:
+    """Whether MuJoCo lets two geoms of different bodies touch."""
+    a, b = (int(model.geom_bodyid[geom]) for geom in (one, other))
+    rows = np.stack([model.geom_contype, model.geom_conaffinity, _bodies(model), model.geom_bodyid], 1)[[one, other]]
+    return _meets(model, rows[0], rows[1:]) and a != b
+
+
+def _meets(model: Any, one: np.ndarray, others: np.ndarray) -> bool:
+    """Whether masks let a body touch one of others."""
+    others = others[others[:, 2] != one[2]]
+    low, high = np.minimum(others[:, 3], one[3]), np.maximum(others[:, 3], one[3])
+    excluded = np.isin((low.astype(int) << 16) + high, model.exclude_signature.astype(int))
+    return bool(np.any((((one[0] & others[:, 1]) | (others[:, 0] & one[1])) != 0) & ~excluded))

@@ -1,0 +1,86 @@
+"""Rods of a scene, along which bodies touch, as capsules of a MuJoCo model."""
+
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from jaxgrity.formats.foreign import add_element
+from jaxgrity.formats.links import Link
+from jaxgrity.formats.mjcf_plan import Plan
+from jaxgrity.model.rod_contact import radii_along_struts
+from jaxgrity.model.rods import rods_of
+from jaxgrity.model.scene import Scene
+from jaxgrity.model.strut_contact import strut_contact
+
+
+class WrittenRod(NamedTuple):
+    """A rod of a link."""
+
+    name: str
+    link: int
+    ends: tuple[int, ...]
+    """nodes"""
+    radius: float
+    """m"""
+    grounded: bool
+    """whether it touches the ground"""
+
+
+class WrittenRods(NamedTuple):
+    """All rods that touch something."""
+
+    each: list[WrittenRod]
+    pairs: list[tuple[str, str]]
+    """names of those that touch each other"""
+    instead: set[int]
+    """nodes whose balls are ends of capsules"""
+    left: int
+    """number of rods that belong to no link, and are left out"""
+
+
+def written_rods(scene: Scene, plan: Plan, links: list[Link]) -> WrittenRods:
+    """The capsules along which the links of a scene touch the ground, and each other."""
+    rods, found, left = rods_of(scene.structure), dict[tuple[int, bool], WrittenRod](), set[int]()
+    plane = scene.ground is not None and scene.ground.surface is None
+    law = strut_contact(scene)
+    wanted = {(k, True): radius + plan.larger for k, radius in radii_along_struts(scene).items() if plane}
+    if law is not None:
+        for pair, radii in zip(law.between.pairs, np.asarray(law.between.radius, float).tolist()):
+            wanted |= {(k, False): radius for k, radius in zip(pair, radii)}
+    for (k, grounded), radius in wanted.items():
+        link = next((n for n, link in enumerate(links) if {*rods[k]} <= {*link.nodes}), None)
+        if link is None:
+            left.add(k)
+        elif grounded and radius > 0:
+            found[k, True] = WrittenRod(f"rod{k}", link, rods[k], radius, True)
+        elif not grounded:
+            same = found.get((k, True))
+            alike = same is not None and same.radius == radius
+            found[k, False] = same if same and alike else WrittenRod(f"inner{k}", link, rods[k], radius, False)
+    pairs = [] if law is None else [tuple(found.get((k, False)) for k in pair) for pair in law.between.pairs]
+    instead = {
+        node
+        for (_, grounded), each in found.items()
+        for node in each.ends
+        if grounded and plan.larger + plan.balls.get(node, 0.0) == each.radius
+    }
+    each = list({capsule.name: capsule for capsule in found.values()}.values())
+    return WrittenRods(each, [(a.name, b.name) for a, b in pairs if a and b], instead, len(left))
+
+
+def add_rod(body: ElementTree.Element, capsule: WrittenRod, x: np.ndarray) -> None:
+    """A rod between nodes at `x`, m, in the frame of its body."""
+    ends = np.concatenate([x[node] for node in capsule.ends])
+    touches = {"contype": int(capsule.grounded), "conaffinity": 0}
+    add_element(body, "geom", name=capsule.name, type="capsule", fromto=ends, size=[capsule.radius], mass=0, **touches)
+
+
+def add_pairs(root: ElementTree.Element, pairs: list[tuple[str, str]], friction: float, spring: Any) -> None:
+    """Contact of rods with each other, with a friction coefficient, and the `solref` of the ground."""
+    if not pairs:
+        return
+    contact = add_element(root, "contact")
+    for one, other in pairs:
+        law = {"condim": 3, "friction": [friction, friction, 0.0, 0.0, 0.0], "solref": spring}
+        add_element(contact, "pair", geom1=one, geom2=other, **law)

@@ -1,0 +1,115 @@
+"""Capsules of MuJoCo models as rods of bodies: they touch each other along their length as there, and are written."""
+
+import numpy as np
+import pytest
+
+from jaxgrity import InputError, SolverOptions, simulate
+from jaxgrity.formats import read_mjcf, save_mjcf
+from jaxgrity.model.rods import rods_of
+from jaxgrity.model.strut_contact import strut_contact
+
+mujoco = pytest.importorskip("mujoco")
+
+TWO = """<mujoco><option timestep="0.0002" cone="elliptic"/>
+<default><geom friction="{mu} 0 0" solref="0.001 1" solimp="0.999 0.999 0.001"/></default>
+<worldbody><geom name="floor" type="plane" size="2 2 .1"/>
+<body name="low" pos="0 0 0.05"><freejoint/><geom type="capsule" size="0.05" fromto="-0.5 0 0 0.5 0 0" mass="5"/>
+<site name="a" pos="0.2 0 0.04"/><site name="b" pos="-0.2 0.04 0"/><site name="c" pos="-0.2 0 0"/></body>
+<body name="high" pos="0.1 0.1 0.12"><freejoint/>
+<geom name="h" type="capsule" size="0.02" fromto="0 -0.3 0 0 0.3 0" mass="0.5"/>
+<site name="d" pos="0 0.3 0"/><site name="e" pos="0.01 0 0"/><site name="f" pos="0 -0.3 0.01"/></body>
+</worldbody>
+<tendon><spatial stiffness="10" springlength="0 1"><site site="a"/><site site="d"/></spatial></tendon></mujoco>"""
+"""A log lies on the ground, and a rod across it, longer on one side; the cable between them is slack."""
+TIPPED, WITHIN = 0.13, 1e-3
+"""s, before the rod's end hits the ground, and m: what the motions differ by at most. MuJoCo's contact is soft."""
+TEE = """<mujoco><worldbody><geom type="plane" size="2 2 .1"/>
+<body pos="0 0 0.35"><freejoint/><geom type="capsule" size="0.02" fromto="-0.2 0 0 0.2 0 0" mass="0.4"/>
+<geom type="capsule" size="0.02" fromto="0 0 0 0 0 -0.25" mass="0.3"/>
+<site name="a" pos="0.2 0 0"/><site name="b" pos="0 0 -0.25"/></body>
+<body pos="2 0 0.35"><freejoint/><geom type="cylinder" size="0.004" fromto="-0.1 0 0 0.1 0 0" mass="0.1"/>
+<geom size="0.03" pos="-0.1 0 0" mass="0.1"/><geom size="0.03" pos="0.1 0 0" mass="0.1"/>
+<site name="c" pos="0 0 0.03"/><site name="d" pos="0 0.03 0"/></body></worldbody>
+<tendon><spatial stiffness="10" springlength="0 1"><site site="a"/><site site="c"/></spatial></tendon></mujoco>"""
+"""A T of two capsules, and a thin cylinder whose ends are within balls; they do not meet."""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def reading(text, **how):
+        path = tmp_path / "robot.xml"
+        path.write_text(text)
+        return read_mjcf(path, **how)
+
+    return reading
+
+
+def moved_by_mujoco(text: str, names: list[str]) -> np.ndarray:
+    """m: places of sites at `TIPPED`."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, round(TIPPED / model.opt.timestep))
+    mujoco.mj_kinematics(model, data)
+    return data.site_xpos[[model.site(name).id for name in names]]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mu", [0, 0.5])
+def test_a_rod_tips_over_another_one_as_in_mujoco(mu, read, tmp_path):
+    text = TWO.format(mu=mu)
+    scene = read(text).scene
+    options = SolverOptions(dt=1e-3)
+    ours = np.asarray(simulate(scene, TIPPED, options=options, frame_rate=1 / TIPPED).positions[-1])[:6]
+    assert np.linalg.norm(ours - scene.structure.nodes[:6], axis=1).max() > 0.03
+    np.testing.assert_allclose(ours, moved_by_mujoco(text, list("abcdef")), rtol=0, atol=WITHIN)
+    written = save_mjcf(scene, tmp_path / "written.xml", 2e-4)
+    theirs = moved_by_mujoco(written.xml, [f"n{k}" for k in range(6)])
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=2 * WITHIN)
+
+
+@pytest.mark.parametrize("text", [TWO.format(mu=0.5), TEE], ids=["two that touch", "a T"])
+def test_rods_are_written_and_read_again(text, read, tmp_path):
+    scene = read(text).scene
+    save_mjcf(scene, tmp_path / "written.xml")
+    again = read_mjcf(tmp_path / "written.xml").scene
+    x, places = np.asarray(scene.structure.nodes), np.asarray(again.structure.nodes)
+    ends = [
+        sorted(sorted(at[[*rod]].round(9).tolist()) for rod in rods_of(each.structure))
+        for at, each in ((x, scene), (places, again))
+    ]
+    assert ends[0] == ends[1]
+    assert len(ends[0]) == {TEE: 3}.get(text, 2)
+    for kept, found in ((scene.ground, again.ground), (again.ground, scene.ground)):
+        capsules = [sorted(np.asarray(each.capsules.radius).tolist()) for each in (kept, found)]
+        balls = [sorted(np.asarray(each.balls.radius).tolist()) for each in (kept, found)]
+        np.testing.assert_allclose(*capsules, rtol=1e-12)
+        np.testing.assert_allclose(*balls, rtol=1e-12)
+    law, other = strut_contact(scene), strut_contact(again)
+    assert (law is None) == (other is None) == (text is TEE)
+    if law is not None and other is not None:
+        np.testing.assert_allclose(np.sort(law.between.radius), np.sort(other.between.radius), rtol=1e-12)
+
+
+def test_capsules_are_rods_between_nodes(read):
+    """The stem of a T begins where no other ball is outermost; a cylinder is a rod of its own radius."""
+    scene = read(TEE).scene
+    x = np.asarray(scene.structure.nodes)
+    ends = [x[[*rod]].round(6).tolist() for rod in rods_of(scene.structure)]
+    assert [[0, 0, 0.35], [0, 0, 0.1]] in [each[::-1] for each in ends] or [[0, 0, 0.35], [0, 0, 0.1]] in ends
+    assert sorted(np.asarray(scene.ground.capsules.radius).tolist()) == [0.004, 0.02, 0.02]
+    assert strut_contact(scene) is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('name="h" type="capsule"', 'name="h" type="cylinder"', "bodies low and high touch each other"),
+        ('name="h"', 'name="h" margin="0.001"', "bodies low and high touch each other"),
+        ('name="h"', 'name="h" friction="0.9 0 0"', "geoms 1 and h touch each other with friction 0.9"),
+        ('solref="0.001 1"', 'solref="0.001 0.05"', "bodies low and high touch each other"),
+    ],
+    ids=["a rim", "a margin", "friction", "a rebound"],
+)
+def test_what_touches_in_another_way_is_refused(old, new, said, read):
+    with pytest.raises(InputError, match=said):
+        read(TWO.format(mu=0.5).replace(old, new))
