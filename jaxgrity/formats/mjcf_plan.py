@@ -1,6 +1,6 @@
 """What of a scene becomes rigid bodies, point masses and tendons in MuJoCo, and how its actuators are moved."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -42,6 +42,8 @@ class Plan(NamedTuple):
     """m, of spheres at nodes without a ball"""
     larger: float
     """m, by which balls are larger, and the ground lies lower: 0 where each has a radius of its own"""
+    friction: dict[int, float]
+    """coefficient of each node, where they differ; else nothing, and the ground has the one of all"""
 
 
 @typed
@@ -92,7 +94,7 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
     notes: list[str] = []
     mass, radius = np.asarray(structure.node_mass, float), RADIUS * float(length_scale(scene))
     balls = _balls(scene)
-    touching = (balls, radius, 0.0 if balls and all(balls.values()) else radius)
+    touching = (balls, radius, 0.0 if balls and all(balls.values()) else radius, _frictions(scene))
     nodes, held = np.asarray(structure.nodes, float), {node for node, _ in structure.fixed}
     if struts is None:
         heavy = _with_halves(mass, structure.cables)
@@ -125,6 +127,22 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
     springs = Structure(nodes, np.ones(len(mass)), struts, structure.cables, fixed=structure.fixed)
     notes += _on_balls(balls, found, structure.bodies)
     return Plan(springs, frozenset(rigid), tuple(found), mass, actuated, *touching), notes
+
+
+def _frictions(scene: Scene) -> dict[int, float]:
+    mu = np.zeros(1) if scene.friction is None else np.asarray(scene.friction.sliding_mu, float)
+    return dict(enumerate(mu.tolist())) if np.ptp(mu) else {}
+
+
+def geom_friction(plan: Plan, nodes: list[int]) -> dict[str, Any]:
+    """The largest coefficient of some nodes as a geom's own, where the nodes differ.
+
+    Of the ground and a geom of the same priority, MuJoCo takes the larger coefficient: so the ground has the smallest
+    one. With `solmix` 0 the ground's spring counts.
+    """
+    if not plan.friction:
+        return {}
+    return {"priority": 1, "friction": [max(plan.friction[node] for node in nodes), 0.0, 0.0], "solmix": 0.0}
 
 
 def _balls(scene: Scene) -> dict[int, float]:

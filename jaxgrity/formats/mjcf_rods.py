@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxgrity.formats.foreign import add_element
 from jaxgrity.formats.links import Link
-from jaxgrity.formats.mjcf_plan import Plan
+from jaxgrity.formats.mjcf_plan import Plan, geom_friction
 from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.rods import rods_of
 from jaxgrity.model.scene import Scene
@@ -69,10 +69,10 @@ def written_rods(scene: Scene, plan: Plan, links: list[Link]) -> WrittenRods:
     return WrittenRods(each, [(a.name, b.name) for a, b in pairs if a and b], instead, len(left))
 
 
-def add_rod(body: ElementTree.Element, capsule: WrittenRod, x: np.ndarray) -> None:
+def add_rod(body: ElementTree.Element, plan: Plan, capsule: WrittenRod, x: np.ndarray) -> None:
     """A rod between nodes at `x`, m, in the frame of its body."""
     ends = np.concatenate([x[node] for node in capsule.ends])
-    touches = {"contype": int(capsule.grounded), "conaffinity": 0}
+    touches = {"contype": int(capsule.grounded), "conaffinity": 0, **geom_friction(plan, list(capsule.ends))}
     add_element(body, "geom", name=capsule.name, type="capsule", fromto=ends, size=[capsule.radius], mass=0, **touches)
 
 

@@ -13,7 +13,7 @@ from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, j
 from jaxgrity.formats.mjcf_hinges import WINDING, joint_attributes
 from jaxgrity.formats.mjcf_losses import CONTACT_TIME, contact_spring
 from jaxgrity.formats.mjcf_members import add_members, written_limit
-from jaxgrity.formats.mjcf_plan import Plan, plan_of
+from jaxgrity.formats.mjcf_plan import Plan, geom_friction, plan_of
 from jaxgrity.formats.mjcf_rods import WrittenRods, add_pairs, add_rod, written_rods
 from jaxgrity.io.files import write_whole
 from jaxgrity.model.force_laws import CableDampers, DeadBand
@@ -100,13 +100,15 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)
     add_element(root, "option", timestep=step, integrator=integrator, gravity=(-g * up + 0.0).tolist(), cone="elliptic")
     world = add_element(root, "worldbody")
-    notes += _ground(world, scene, plan.larger, CONTACT_TIME * scale)
+    notes += _ground(world, scene, plan, CONTACT_TIME * scale)
     drag = np.zeros(len(plan.node_mass)) if scene.node_damping is None else np.asarray(scene.node_damping, float)
     in_bodies = {node for link in links for node in link.nodes}
     capsules = written_rods(scene, plan, links)
     notes += _bodies(root, world, plan, links, step, scene, capsules)
     add_pairs(root, capsules.pairs, _largest_friction(scene), [CONTACT_TIME * scale, 1.0])
     notes += [f"{capsules.left} rods that touch are springs there, and touch at their ends"] if capsules.left else []
+    if any(len({plan.friction.get(node) for node in rod.ends}) > 1 for rod in capsules.each if rod.grounded):
+        notes += ["rods touch the ground with the larger friction coefficient of their two ends there"]
     for node in range(len(drag)):
         if node not in in_bodies:
             _point(world, plan, node, drag[node])
@@ -125,21 +127,20 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     return MuJoCoModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes), plan.actuated)
 
 
-def _ground(world: ElementTree.Element, scene: Scene, radius: float, time: float) -> list[str]:
+def _ground(world: ElementTree.Element, scene: Scene, plan: Plan, time: float) -> list[str]:
     if scene.ground is None:
         return []
     if scene.ground.surface is not None:
         return ["the ground is no plane, and is left out"]
-    mu = _largest_friction(scene)
+    mu = min(plan.friction.values(), default=_largest_friction(scene))
     n = scene.ground.normal
-    at = [-radius * axis for axis in n]
+    at = [-plan.larger * axis for axis in n]
     bounce, own = getattr(scene.ground, "restitution", None), time != CONTACT_TIME
     flags: dict[str, Any] = {"contype": 0, "conaffinity": 1, "priority": 1, "friction": [mu, 0.0, 0.0]}
     if own or bounce is not None:
         flags["solref"] = [time, 1.0] if bounce is None else contact_spring(float(bounce), time)
     add_element(world, "geom", name="ground", type="plane", size=[0, 0, 1], zaxis=list(n), pos=at, **flags)
-    differ = scene.friction is not None and np.ptp(scene.friction.sliding_mu) > 0
-    which = "the largest of the nodes' friction coefficients" if differ else "the friction coefficient of the scene"
+    which = "the friction coefficients of the nodes" if plan.friction else "the friction coefficient of the scene"
     stiffness = "the time constant of its default at the robot's size" if own else "its default stiffness"
     return [f"contact is MuJoCo's own: soft, with {stiffness}, and with {which}"]
 
@@ -189,7 +190,7 @@ def _bodies(
                 add_element(body, "geom", type="capsule", fromto=ends, size=[size], contype=0, conaffinity=0, mass=0)
         for capsule in capsules.each:
             if capsule.link == joint.link:
-                add_rod(body, capsule, x - link.centre)
+                add_rod(body, plan, capsule, x - link.centre)
         for node in link.nodes:
             if node not in drawn:
                 _node(body, plan, node, x[node] - link.centre, 0.0, node not in capsules.instead)
@@ -238,7 +239,8 @@ def _point(world: ElementTree.Element, plan: Plan, node: int, drag: float) -> No
 def _node(body: ElementTree.Element, plan: Plan, node: int, at: np.ndarray, mass: float, touches: bool = True) -> None:
     size = plan.larger + plan.balls[node] if node in plan.balls else plan.radius
     touches = touches and node in plan.balls
-    add_element(body, "geom", size=[size], pos=at, mass=mass, contype=int(touches), conaffinity=0)
+    law = geom_friction(plan, [node]) if touches else {}
+    add_element(body, "geom", size=[size], pos=at, mass=mass, contype=int(touches), conaffinity=0, **law)
     add_element(body, "site", name=f"n{node}", pos=at)
 
 

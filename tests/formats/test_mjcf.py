@@ -221,15 +221,30 @@ def test_contact_and_steps_are_those_of_the_robots_size(exact):
         assert model.opt.timestep == pytest.approx(2e-3 * time, rel=1e-9)
 
 
-def test_frictions_that_differ_become_the_largest(reference):
-    """MuJoCo has one coefficient for the pair of ground and node here, and the notes say which."""
+def test_frictions_that_differ_are_those_of_the_nodes(reference, tmp_path):
+    """MuJoCo takes the coefficient of each node's own sphere, and the ground's stiffness stays as it is."""
     mu = np.linspace(0.2, 0.7, 12)
     uneven = dataclasses.replace(reference, friction=dataclasses.replace(reference.friction, mu=mu))
-    for scene, words in ((uneven, "the largest of the nodes' friction coefficients"), (reference, "of the scene")):
-        written = mujoco_model(scene)
-        model = mujoco.MjModel.from_xml_string(written.xml)
-        assert model.geom("ground").friction[0] == pytest.approx(float(np.max(scene.friction.mu)))
+    springs = []
+    for scene, words in ((uneven, "the friction coefficients of the nodes"), (reference, "of the scene")):
+        written = save_mjcf(scene, tmp_path / "robot.xml")
         assert any(words in note for note in written.notes)
+        again = read_mjcf(tmp_path / "robot.xml").scene
+        expected = np.broadcast_to(scene.friction.mu, 12)
+        np.testing.assert_allclose(np.broadcast_to(again.friction.mu, 12), expected, rtol=1e-12)
+        model = mujoco.MjModel.from_xml_path(str(tmp_path / "robot.xml"))
+        data = mujoco.MjData(model)
+        data.qpos[:] = 0.0
+        for joint in np.flatnonzero(model.jnt_axis[:, 2] == 1):
+            data.qpos[model.jnt_qposadr[joint]] -= 0.5  # all nodes into the ground
+        mujoco.mj_forward(model, data)
+        assert data.ncon >= 3
+        for contact in data.contact:
+            geom = max(contact.geom)
+            node = int(model.site(int(np.flatnonzero(model.site_bodyid == model.geom_bodyid[geom])[0])).name[1:])
+            assert contact.friction[0] == pytest.approx(expected[node])
+        springs.append(np.array(data.contact.solref))
+    np.testing.assert_array_equal(springs[0], springs[1])
 
 
 @pytest.mark.campaign
