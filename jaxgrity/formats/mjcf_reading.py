@@ -53,7 +53,8 @@ def read_mjcf(path: str | Path, drop: Collection[str] = (), keyframe: str = "") 
     is a strut. A motor on a tendon without a spring makes it a cable that pulls at any length
     (`jaxgrity.model.commanded_pull`). A cable over several sites slides over their nodes (`Members.clusters`). Hinges
     keep their springs and dampers. Spheres, capsules and boxes that touch the plane are those of nodes, with one radius
-    for all. Capsules of bodies are their `rods`, which touch each other if they do so in MuJoCo within a second. If gravity leans, robot and plane are turned together.
+    for all. Capsules of bodies are their `rods`, which touch each other if they do so in MuJoCo within a second. If
+    gravity leans, robot and plane are turned together.
 
     What would make the robot move otherwise is refused, unless `drop` names its kind: then it is left out, and a note
     says so.
