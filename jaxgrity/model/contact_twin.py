@@ -9,6 +9,7 @@ from jaxgrity.core.typed import typed
 from jaxgrity.model.friction import ConeFriction, SmoothFriction
 from jaxgrity.model.ground import ExactGround, PenaltyGround
 from jaxgrity.model.rigid_struts import LARGEST_GAP
+from jaxgrity.model.rigidity import lines_between_points
 from jaxgrity.model.rod_contact import ALONG_STRUTS, lifted, radii_along_struts, with_contact_along_struts
 from jaxgrity.model.scales import length_scale, speed_scale, time_scale
 from jaxgrity.model.scene import Scene
@@ -68,7 +69,7 @@ def penalty_twin(scene: Scene) -> Scene:
     Three nodes that carry the weight sink into the ground by `DEPTH`, which gives the stiffness. A strut is twice as
     stiff. Damping follows the scene "reference", which is the penalty twin of the scene "exact".
 
-    Raises `InputError` without gravity or members, since the stiffness follows from them.
+    Raises `InputError` without gravity, and without members and bodies, since the stiffness follows from them.
     """
     struts, ground, friction = scene.structure.struts, scene.ground, scene.friction
     if scene.gravity is None:
@@ -76,11 +77,11 @@ def penalty_twin(scene: Scene) -> Scene:
             "gravity: not modelled; expected [gravity], since the ground's stiffness follows from the weight"
         )
     members = struts or scene.structure.cables
-    if members is None:
-        raise InputError(
-            "the structure has no members; expected some, since the ground's stiffness follows from their length"
-        )
-    size = float(edge_lengths(scene.structure.nodes, members.edges).max())
+    lines = lines_between_points(scene.structure.bodies) if members is None else members.edges
+    if not lines:
+        found = "the structure has no members, and no bodies"
+        raise InputError(f"{found}; expected some, since the ground's stiffness follows from their length")
+    size = float(edge_lengths(scene.structure.nodes, lines).max())
     stiffness, structure = float(scene.structure.mass) * float(scene.gravity) / (3 * DEPTH * size), scene.structure
     speed = float(speed_scale(scene))
     if struts is not None and struts.rigid:

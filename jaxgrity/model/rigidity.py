@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.primitives import edge_vectors, length
-from jaxgrity.core.types import Edges, PerMember, Scalar, namespace_of
+from jaxgrity.core.types import Edges, NodeVectors, PerMember, Scalar, namespace_of
 from jaxgrity.model.actuation import rest_length
-from jaxgrity.model.bodies import Bodies
+from jaxgrity.model.bodies import Bodies, Body, body_moments
 from jaxgrity.model.body_points import body_pairs, carrying, following, independent_nodes
-from jaxgrity.model.laws import SAME, Constraint, SceneParts
+from jaxgrity.model.laws import SAME, Constraint, SceneParts, Symmetry
 from jaxgrity.model.rigid_struts import RigidStruts, directions_between
 from jaxgrity.model.slides import Slides, slides_of
 from jaxgrity.model.structure import edge_lengths
@@ -21,15 +21,17 @@ class RigidBodies(Constraint):
     """The basic points of a body, and its pinned nodes, keep their distances; its other points follow."""
 
     bodies: Bodies
+    nodes: NodeVectors
+    """m, at the start"""
     name: ClassVar[str] = "rigid bodies"
 
     @classmethod
     def of(cls, scene: SceneParts) -> "RigidBodies | None":
-        return cls(scene.structure.bodies) if scene.structure.bodies else None
+        return cls(scene.structure.bodies, scene.structure.nodes) if scene.structure.bodies else None
 
     def keeps(self, symmetry):
         places = {frozenset(body.points): body for body in self.bodies}
-        return all(_same(body, places, symmetry.nodes) for body in self.bodies)
+        return all(_same(body, places, symmetry, np.asarray(self.nodes, float)) for body in self.bodies)
 
     def directions(self, q, size):
         return directions_between(q, body_pairs(self.bodies)[0])
@@ -86,13 +88,18 @@ def lines_between_points(bodies: Bodies) -> Edges:
     return tuple(pair for body in bodies for pair in itertools.combinations(body.points, 2))
 
 
-def _same(body, places, nodes) -> bool:
-    """Whether the body whose places this one takes has the same points, and the same inertia about them."""
+def _same(body: Body, places: dict[frozenset[int], Body], symmetry: Symmetry, x: np.ndarray) -> bool:
+    """Whether the body whose place this one takes has the same points, and the same inertia about them.
+
+    Which of the points are basic, and which pinned, changes no motion.
+    """
+    nodes, turn = symmetry.nodes, symmetry.matrix
     other = places.get(frozenset(nodes[k] for k in body.points))
-    if other is None or {nodes[k] for k in body.basic} != set(other.basic):
+    if other is None or {frozenset(nodes[k] for k in rod) for rod in body.rods} != set(map(frozenset, other.rods)):
         return False
-    if {frozenset(nodes[k] for k in rod) for rod in body.rods} != set(map(frozenset, other.rods)):
-        return False
-    order = [other.basic.index(nodes[k]) for k in body.basic]
-    matrix = np.asarray(other.matrix)
-    return bool(np.allclose(matrix[np.ix_(order, order)], body.matrix, rtol=0, atol=SAME * np.abs(matrix).max()))
+    # the mean of all nodes stays where it is
+    moments = (tuple(np.asarray(part, float) for part in body_moments(each, x - x.mean(0))) for each in (body, other))
+    (mass, centre, inertia), (other_mass, other_centre, other_inertia) = moments
+    pairs = (mass, other_mass), (turn @ centre, other_centre), (turn @ inertia @ turn.T, other_inertia)
+    scales = mass, np.abs(x - x.mean(0)).max(), np.abs(inertia).max()
+    return all(np.allclose(*pair, rtol=0, atol=SAME * scale) for pair, scale in zip(pairs, scales))

@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import dot, inverse, length
 from jaxgrity.core.types import NodeVectors, PerMember, Scalar, VectorsByKind
 from jaxgrity.model.actuation import rest_length
@@ -48,12 +47,6 @@ def _with_more(struts: Members, more: Members) -> Members:
     mass = None if struts.mass is None else np.r_[struts.mass, np.zeros(len(more.edges))]
     unused: dict[str, Any] = dict.fromkeys(("damping", "yield_force", "bending_stiffness"))
     return dataclasses.replace(struts, edges=(*struts.edges, *more.edges), **joined, mass=mass, **unused)
-
-
-def check_no_bodies(structure: Structure, what: str) -> None:
-    """Raises `InputError` where there are rigid bodies, which `what` does not know."""
-    if structure.bodies:
-        raise InputError(f"{what}: knows no rigid bodies yet; expected a structure without, or rods as struts")
 
 
 def elastic_tensions(scene: Scene, t: Scalar, q: NodeVectors) -> dict[str, PerMember]:

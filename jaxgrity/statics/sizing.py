@@ -13,14 +13,14 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.tracing import refuse_traced
 from jaxgrity.core.typed import typed
 from jaxgrity.core.types import AnyArray, PerMember
+from jaxgrity.model.body_points import lumped
 from jaxgrity.model.energy import UP
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.sizes import Material, material_of, sized_members
 from jaxgrity.model.slides import check_no_slides
-from jaxgrity.model.springs import check_no_bodies
 from jaxgrity.model.structure import Structure, edge_lengths
 from jaxgrity.statics.form_finding import equilibrium_matrix
-from jaxgrity.statics.stiffness import all_edges, free_coordinates, incidence
+from jaxgrity.statics.stiffness import all_edges, free_motions, incidence
 
 ROUNDS = 200
 """Most linear programmes."""
@@ -91,7 +91,7 @@ def least_mass(
 
     This is plastic design: forces only have to balance. Where a structure is statically indeterminate, each load case
     may have its own self-stress, so several cases may need rest lengths that change. Stiffness and stability are left
-    out; `load_report` tells them of the result.
+    out; `load_report` tells them of the result. Rigid bodies bear any forces, and keep their masses.
 
     Args:
         scene: nodes, members, supports and load cases. Members may be many more than needed (a ground structure);
@@ -133,7 +133,6 @@ def least_mass(
 
 def _check(scene: Scene, least_tension: float, hollow: float) -> None:
     refuse_traced(scene, "least_mass", "its programme is solved outside of JAX")
-    check_no_bodies(scene.structure, "least_mass")
     check_no_slides(scene, "least_mass")
     check_number("least_tension", least_tension, least=0.0, unit="N")
     if not check_number("hollow", hollow, least=0.0) < 1:
@@ -160,7 +159,8 @@ class _Programme:
         structure = scene.structure
         edges, nodes = all_edges(structure), np.asarray(structure.nodes, float)
         first, count = structure.first_cable, len(edges)
-        free = free_coordinates(len(nodes), structure.supported)
+        # of a rigid body six sums of forces and moments count, of any other node each force
+        balanced = free_motions(nodes, structure.supported, structure.bodies).T
         self.length = edge_lengths(nodes, edges)
         each = [np.where(np.arange(count) < first, *pair) for pair in zip(*materials)]
         self.E, self.density, self.stress = each
@@ -168,14 +168,14 @@ class _Programme:
         self.struts, self.slenderness = np.arange(count) < first, self.length / (np.pi * np.sqrt(self.E * shape))
         gravity = float(scene.gravity or 0.0) if structure.fixed else 0.0
         down = -gravity * np.asarray(UP if scene.up is None else scene.up, float)
-        own = np.outer(np.asarray(structure.node_mass, float), down)
-        self.pull = [(case.on_nodes(len(nodes)) + own).ravel()[free] for case in scene.loads]
+        own = np.outer(structure.node_mass + np.asarray(lumped(structure.bodies, len(nodes))), down)
+        self.pull = [balanced @ (case.on_nodes(len(nodes)) + own).ravel() for case in scene.loads]
         self.size = float(max(np.abs(pull).max(initial=0) for pull in self.pull))
         if not self.size:
             raise InputError("the loads act on supports alone; expected loads on coordinates that may move")
-        self.balance = sp.csc_array(equilibrium_matrix(nodes, edges)[free] @ sp.diags_array(1 / self.length))
+        self.balance = sp.csc_array(balanced @ equilibrium_matrix(nodes, edges) @ sp.diags_array(1 / self.length))
         halves = sp.csc_array(sp.kron(abs(incidence(edges, len(nodes))).T / 2, down[:, None]))
-        self.weight = halves[free]
+        self.weight = sp.csc_array(balanced @ halves)
         self.least = np.where(self.struts, 0.0, least_tension)
         self.forces_shape = (len(scene.loads), count)
 

@@ -243,7 +243,8 @@ def _tolerances(given: SolverOptions, method: Method, dtype: str, least: float) 
 
 def _check_method(scene: Scene, method: Method) -> None:
     if scene.constrained and not method.constrained and (method.symplectic or not _only_keeps_distances(scene)):
-        what = "rigid struts or exact contact" if slides_of(scene) is None else "sliding nodes"
+        found = "rigid bodies, " * bool(scene.structure.bodies) + "rigid struts or exact contact"
+        what = found if slides_of(scene) is None else "sliding nodes"
         raise InputError(f"method = {method.name!r}: this scene has {what}; expected {constrained_method().name!r}")
     if method.symplectic and scene.dissipates:
         raise InputError(

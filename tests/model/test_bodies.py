@@ -51,7 +51,7 @@ def test_forces_at_any_point_move_the_body_by_newton_and_euler(kind):
     nodes, body = structure.nodes, structure.bodies[0]
     force = np.random.default_rng(1).normal(size=nodes.shape)
     A = np.einsum("ijk,kl->ikjl", mobility(structure), np.eye(3)).reshape(nodes.size, nodes.size)
-    J = RigidBodies((body,)).directions(nodes, 1.0).toarray()
+    J = RigidBodies((body,), nodes).directions(nodes, 1.0).toarray()
     a = A @ force.ravel()
     a = (a - A @ J.T @ np.linalg.solve(J @ A @ J.T, J @ a)).reshape(nodes.shape)
     turning = np.linalg.pinv(inertia, rcond=1e-9) @ np.cross(nodes - centre, force).sum(0)

@@ -7,9 +7,19 @@ import jax
 import numpy as np
 import pytest
 
-from jaxgrity import InputError, SolverOptions, parse_scene, scene_text, simulate, with_gait
+from jaxgrity import (
+    ExactGround,
+    InputError,
+    Scene,
+    SolverOptions,
+    Structure,
+    parse_scene,
+    scene_text,
+    simulate,
+    with_gait,
+)
 from jaxgrity.model.bodies import rigid_body
-from jaxgrity.model.contact_twin import contact_twin, exact_twin, penalty_twin
+from jaxgrity.model.contact_twin import DEPTH, contact_twin, exact_twin, penalty_twin
 from jaxgrity.model.friction import ConeFriction, SmoothFriction, SwitchFriction
 
 COARSE = SolverOptions(dt=1e-3)
@@ -88,6 +98,19 @@ def test_a_scene_with_rigid_bodies_has_the_other_contact(reference, exact):
         assert twin.ground.impulsive == other.ground.impulsive
         assert twin.structure.struts.rigid == other.structure.struts.rigid
         assert twin.structure.bodies == (payload,)
+
+
+def test_the_twin_of_bodies_alone_has_the_stiffness_of_their_size():
+    """As that of a strut between the same points; without bodies and members there is no size."""
+    nodes = np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.3, 0], [0, 0, 0.3]])
+    body = rigid_body(nodes, range(4), 2.0, [0.05, 0.06, 0.07])
+    scene = Scene(Structure(nodes, np.zeros(4), bodies=(body,)), 9.81, ground=ExactGround())
+    twin = penalty_twin(scene)
+    assert float(twin.ground.stiffness) == pytest.approx(2.0 * 9.81 / (3 * DEPTH * np.hypot(0.5, 0.3)), rel=1e-12)
+    assert simulate(twin, 0.2).positions[-1, :, 2].min() > -4 * DEPTH
+    alone = Scene(Structure(nodes, np.ones(4)), 9.81, ground=ExactGround())
+    with pytest.raises(InputError, match="no members, and no bodies"):
+        penalty_twin(alone)
 
 
 def test_exact_twin_of_strained_struts_has_the_lengths_of_the_start(reference):

@@ -9,8 +9,8 @@ import pytest
 from measurements import conformance_loads as known
 
 import jaxgrity
-from jaxgrity import InputError, Members, Scene, Structure
-from jaxgrity.model import LoadCase, Material
+from jaxgrity import InputError, Members, Scene, Structure, edge_lengths
+from jaxgrity.model import LoadCase, Material, rigid_body
 from jaxgrity.statics import least_mass, load_report
 
 BARS, STRINGS = Material(60e9, 2700.0, 110e6), Material(120e9, 970.0, 2.7e9)
@@ -139,3 +139,36 @@ def test_sizes_by_gradient_on_the_page():
     assert f"{ran['found'].fun:.3f} kg" in program
     first, second = ran["found"].x
     assert f"{first:.3f} cm^2 and {second:.3f} cm^2" in program
+
+
+def platform(joined: bool) -> Scene:
+    """A platform of 3 kg on six bars, with a load beside its middle: one rigid body, or two that share three nodes."""
+    turns = np.radians([0, 120, 240])
+    base, top = (
+        np.stack([r * np.cos(turns + a), r * np.sin(turns + a), 0 * turns + z], 1)
+        for r, a, z in ((1.0, 0.0, 0.0), (0.4, 0.8, 0.9))
+    )
+    nodes = np.concatenate([base, top, [[0.1, 0.05, 1.1]]])
+    edges = tuple((k, 3 + m % 3) for k in range(3) for m in (k, k + 2))
+    whole = rigid_body(nodes, (3, 4, 5, 6), 3.0, [0.2, 0.2, 0.3], [0.02, 0.0, 0.95])
+    half = rigid_body(nodes, (3, 4, 5, 6), 1.5, [0.2, 0.2, 0.3], [0.02, 0.0, 0.95], basic=(3, 4, 5, 6))
+    bars = Members(edges, np.full(6, 1e6), edge_lengths(nodes, edges))
+    fixed = tuple((k, "xyz") for k in range(3))
+    structure = Structure(nodes, np.zeros(7), bars, fixed=fixed, bodies=(half, half) if joined else (whole,))
+    force = np.array([[30.0, -50.0, -200.0]])
+    return Scene(structure, 9.81, loads=(LoadCase("aside", (6,), force),))
+
+
+@pytest.mark.parametrize("joined", [False, True], ids=["one body", "two that are joined"])
+def test_a_rigid_body_bears_what_six_bars_give_it(joined):
+    """Their forces are those of its six equations of equilibrium, and the areas those of the yield stress."""
+    scene = platform(joined)
+    x, material = np.asarray(scene.structure.nodes), BARS._replace(density=1e-3)
+    found = least_mass(scene, material, material, buckling=False)
+    i, j = np.array(scene.structure.struts.edges).T
+    ways = (x[i] - x[j]) / np.linalg.norm(x[i] - x[j], axis=1)[:, None]
+    wrench = lambda force, place: np.concatenate([force, np.cross(place, force)], axis=-1)  # noqa: E731
+    load = wrench(np.array([30.0, -50.0, -200.0]), x[6]) + wrench(np.array([0, 0, -3 * 9.81]), [0.02, 0.0, 0.95])
+    expected = np.linalg.solve(wrench(ways, x[j]).T, -load)
+    np.testing.assert_allclose(found.forces[0], expected, rtol=1e-5)
+    np.testing.assert_allclose(found.area, np.abs(expected) / material.yield_stress, rtol=1e-5)

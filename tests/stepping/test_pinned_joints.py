@@ -8,8 +8,20 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxgrity import InputError, SolverOptions, Structure, final_state, load_scene, parse_scene, save_scene, simulate
-from jaxgrity.model import rigid_body
+from jaxgrity import (
+    InputError,
+    Members,
+    SolverOptions,
+    Structure,
+    edge_lengths,
+    final_state,
+    load_scene,
+    parse_scene,
+    save_scene,
+    simulate,
+)
+from jaxgrity.model import rigid_body, symmetries, travelling_waves
+from jaxgrity.model.joints import joined_bodies
 from jaxgrity.stepping import resolve
 
 LEG = """
@@ -135,3 +147,32 @@ def test_nodes_that_are_held_along_some_axes_are_basic():
     body = rigid_body(x, range(5), 1.0, [1.0] * 3, basic=range(4))
     with pytest.raises(InputError, match="node 3 is pinned, and is neither fixed along all axes"):
         Structure(x, np.zeros(5), bodies=(body,), fixed=tuple((k, "z") for k in range(4)))
+
+
+def two_legs(mass: float = 0.4) -> Structure:
+    """A trunk with a leg on a hinge at each end, whose four points lie in a plane; cables lead from leg to trunk."""
+    hinge = np.array([[0.3, -0.1, 0], [0.3, 0.1, 0], [0.5, 0.02, -0.3], [0.45, -0.05, -0.25]])
+    nodes = np.concatenate([hinge, hinge * [-1, -1, 1], [[0, 0, 0.2]]])
+    inertia = np.array([[0.02, 0.001, 0], [0.001, 0.03, 0], [0, 0, 0.04]])
+    leg = np.array([[0.01, 0.001, 0.002], [0.001, 0.012, 0.0], [0.002, 0.0, 0.009]])
+    turn = np.diag([-1.0, -1.0, 1.0])
+    middle = hinge.mean(0)
+    points = [0, 1, 4, 5, 8], [0, 1, 2, 3], [4, 5, 6, 7]
+    parts = (1.0, inertia, np.zeros(3)), (0.4, leg, middle), (mass, turn @ leg @ turn.T, turn @ middle)
+    bodies = joined_bodies(points, (), lambda k, basic: rigid_body(nodes, points[k], *parts[k], basic=basic))
+    edges = ((2, 8), (6, 8), (3, 8), (7, 8))
+    cables = Members(edges, np.full(4, 100.0), 0.9 * edge_lengths(nodes, edges))
+    return Structure(nodes, np.zeros(9), cables=cables, bodies=bodies)
+
+
+def test_symmetries_map_basic_points_on_pinned_ones():
+    """Half a turn exchanges the legs, and the pinned point with a basic one; not if one leg is heavier."""
+    structure = two_legs()
+    (pin,) = structure.bodies[0].pinned
+    image = {0: 4, 1: 5, 4: 0, 5: 1}[pin[0]]
+    assert image in structure.bodies[0].basic
+    turned = symmetries(structure, mirrors=False)
+    assert [symmetry.nodes for symmetry in turned] == [tuple(range(9)), (4, 5, 6, 7, 0, 1, 2, 3, 8)]
+    waves = travelling_waves(structure, (0, 1, 2, 3))
+    assert [wave.shifts for wave in waves] == [(0.0, 0.5, 0.0, 0.5)]
+    assert len(symmetries(two_legs(0.41), mirrors=False)) == 1
