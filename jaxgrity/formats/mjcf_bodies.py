@@ -8,6 +8,7 @@ from scipy.optimize import nnls
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import Edges, Supports
+from jaxgrity.formats.foreign import Losses
 from jaxgrity.formats.mjcf_joints import Shared, outer_joints, own_nodes, points_of
 from jaxgrity.formats.mjcf_losses import name_of
 from jaxgrity.model.bodies import Bodies, Body, Joints, rigid_body
@@ -25,10 +26,18 @@ Rod = tuple[tuple[int, int], float]
 
 
 def carried(
-    model: Any, data: Any, at: tuple[np.ndarray, np.ndarray], shared: list[Shared], notes: list[str]
+    model: Any,
+    data: Any,
+    at: tuple[np.ndarray, np.ndarray],
+    shared: list[Shared],
+    turning: dict[int, int],
+    losses: Losses,
 ) -> tuple[np.ndarray, Supports, list[Rod], Bodies]:
-    """Masses of nodes, supports, rods with their masses, and rigid bodies, of the nodes `at` and their carriers."""
-    x, carrier = at
+    """Masses of nodes, supports, rods with their masses, and rigid bodies, of the nodes `at` and their carriers.
+
+    `turning` has nodes with balls, and the bodies with which these turn.
+    """
+    (x, carrier), notes = at, losses.notes
     mass, rods, solid = np.zeros(len(x)), [], dict[int, np.ndarray]()
     fixed = [(node, "xyz") for node in points_of(shared, 0)]
     for body in sorted({*carrier.tolist(), *(body for each in shared for body in each.bodies)}):
@@ -54,14 +63,28 @@ def carried(
             fixed += [(int(own[0]), held)] if held else []
         else:
             raise InputError(f"body {name}: expected a free joint, or slides along axes and a single node")
-    numbers = list(solid)
+    numbers = _turning_first(model, solid, turning, losses)
 
     def made(number: int, joints: Joints) -> Body:
         body = numbers[number]
         return _as_body(inertia_of(model, data, body), name_of(model, "body", body), solid[body], x, joints)
 
-    rigid = joined_bodies([each.tolist() for each in solid.values()], tuple(fixed), made)
+    rigid = joined_bodies([solid[body].tolist() for body in numbers], tuple(fixed), made)
     return mass, tuple(fixed), rods, rigid
+
+
+def _turning_first(model: Any, solid: dict[int, np.ndarray], turning: dict[int, int], losses: Losses) -> list[int]:
+    """The rigid bodies in an order in which balls at joints turn with their own: with the first of the joint's."""
+    left, found = list(solid), list[int]()
+    before = {body: {turning.get(node, body) for node in solid[body].tolist()} - {body} for body in left}
+    while left:
+        ready = [body for body in left if not before[body] & {*left}]
+        if not ready:
+            name = name_of(model, "body", left[0])
+            losses.lose("contact", f"body {name}: balls at its joints turn with several bodies in a ring")
+        found.append((ready or left)[0])
+        left.remove(found[-1])
+    return found
 
 
 def rigid_bodies(

@@ -62,6 +62,8 @@ class GroundFound(NamedTuple):
     """(3,), unit vector, of the plane; the ground is level until it is turned"""
     along: Mapping[int, float] = MappingProxyType({})
     """radius, m, with MuJoCo's margin, of each geom that may touch the ground along its length"""
+    turning: Mapping[int, int] = MappingProxyType({})
+    """bodies of the balls at nodes"""
 
 
 def touched_plane(model: Any, data: Any, x: np.ndarray, carrier: np.ndarray, losses: Losses) -> GroundFound:
@@ -200,9 +202,9 @@ class RodGeom(NamedTuple):
 def rod_geoms(model: Any, data: Any) -> dict[int, RodGeom]:
     """Those of bodies that move, by their numbers."""
     types, body, found = mujoco.mjtGeom, model.body_weldid[model.geom_bodyid], {}
-    spheres = np.flatnonzero(model.geom_type == types.mjGEOM_SPHERE)
     touches = (model.geom_contype | model.geom_conaffinity) != 0
     touches[np.r_[model.pair_geom1, model.pair_geom2]] = True
+    spheres = np.flatnonzero((model.geom_type == types.mjGEOM_SPHERE) & touches)
     long = np.isin(model.geom_type, (types.mjGEOM_CAPSULE, types.mjGEOM_CYLINDER))
     for geom in np.flatnonzero(touches & long & (body != 0)).tolist():
         ends, radius = axis_ends(model, data, geom), float(model.geom_size[geom][0])

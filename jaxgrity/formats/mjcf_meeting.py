@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 import lazy_loader
 import numpy as np
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import Losses
-from jaxgrity.formats.mjcf_contact import SAME_PLACE, GroundFound, as_found, friction_of, rod_geoms
+from jaxgrity.formats.mjcf_contact import LEAST_FRICTION, SAME_PLACE, GroundFound, as_found, friction_of, rod_geoms
 from jaxgrity.formats.mjcf_joints import Shared, own_nodes
 from jaxgrity.formats.mjcf_losses import bounces, name_of, watched
 from jaxgrity.model.bodies import Body
@@ -26,6 +27,8 @@ SAME_FRICTION = 1e-6
 class _Rod(NamedTuple):
     """A capsule between two nodes of its body."""
 
+    points: frozenset[int]
+    """nodes of its body"""
     ends: frozenset[int]
     radius: float
     """m"""
@@ -61,19 +64,22 @@ def touching_along_rods(
     rods = _rods(model, data, at, SAME_PLACE * size)
     bodies = tuple(_with_rods(body, rods) for body in scene.structure.bodies)
     scene = dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, bodies=bodies))
-    number = {frozenset(edge): k for k, edge in enumerate(rods_of(scene.structure))}
-    known = {geom: number[rod.ends] for geom, rod in rods.items() if rod.ends in number}
+    struts = scene.structure.struts
+    owners = [] if struts is None else list(map(frozenset, struts.edges))
+    owners += [frozenset(body.points) for body in bodies for _ in body.rods]
+    number = {(own, frozenset(edge)): k for k, (own, edge) in enumerate(zip(owners, rods_of(scene.structure)))}
+    known = {geom: number[rod[:2]] for geom, rod in rods.items() if rod[:2] in number}
     # of geoms between the same nodes the thickest touches
     if along := dict(sorted((known[geom], radius) for geom, radius in found.along.items() if geom in known)):
         scene = with_contact_along_struts(scene, 1, tuple(along), list(along.values()))
-    radius = dict(sorted((k, rods[geom].radius) for geom, k in known.items()))
+    radius = {geom: rods[geom].radius for geom in known}
     return _with_pairs(model, data, scene, (known, radius), size, losses)
 
 
 def _with_pairs(
     model: Any, data: Any, scene: Scene, rods: tuple[dict[int, int], dict[int, float]], size: float, losses: Losses
 ) -> Scene:
-    """The scene, in which rods touch each other: numbers of geoms' `rods`, and radii, m, of these numbers."""
+    """The scene, in which rods touch each other: numbers of geoms' `rods`, and radii, m."""
     known, radius = rods
     free, given = set(map(frozenset, free_pairs(scene.structure))), _given(model)
     pairs = {
@@ -83,23 +89,35 @@ def _with_pairs(
     }
     struts = scene.structure.struts
     soft = scene.ground is None and struts is not None and not struts.rigid
-    met, between = _met(model, data, losses), {pair: each for pair, each in given.items() if pair in pairs}
-    for pair, each in met.items():
-        if pair in pairs and not soft and not each.contact[2] and not bounces(each.contact[3]):
-            between[pair] = each
-        else:
+    met, between = _met(model, data, losses), dict[Pair, _Met]()
+    own = {pair: _coefficients(scene, [known[geom] for geom in pair]) for pair in pairs}
+    for pair in dict.fromkeys((*met, *pairs)):
+        each = met.get(pair) or given.get(pair) or _by_rule(model, *pair)
+        alike = pair in pairs and not soft and not each.contact[2] and not bounces(each.contact[3])
+        if alike and (pair in met or np.abs(own[pair] - _sliding(each.contact)).max() <= SAME_FRICTION):
+            between |= {pair: each} if pair in met or pair in given else {}
+            continue
+        if pair in met:
             a, b = (name_of(model, "body", int(model.geom_bodyid[geom])) for geom in pair)
             when = f"{each.time:.3g} s after the start" if each.time else "at the start"
             losses.lose(
                 "contact", f"bodies {a} and {b} touch each other {when}; here they would pass through each other"
             )
+        pairs.pop(pair, None)
     if not between:
         return scene
-    _check_friction(model, scene, between, size, losses)
-    every = [radius.get(k, next(iter(radius.values()))) for k in range(len(rods_of(scene.structure)))]
+    for pair in [pair for pair in between if pair in met]:
+        _check_friction(model, pair, between[pair], own[pair], (size, losses))
+    thickest = dict(sorted((known[geom], radius[geom]) for pair in pairs for geom in pair))
+    every = [thickest.get(k, next(iter(thickest.values()))) for k in range(len(rods_of(scene.structure)))]
     chosen = tuple(sorted({(min(both), max(both)) for both in pairs.values()}))
+    try:
+        scene = with_contact_between_struts(scene, every, chosen)
+    except InputError as error:  # rods that start in each other
+        losses.lose("contact", str(error))
+        return scene
     losses.note(f"{len(chosen)} pairs of rods can touch each other, without a rebound; other parts of bodies cannot")
-    return with_contact_between_struts(scene, every, chosen)
+    return scene
 
 
 def _rods(model: Any, data: Any, at: tuple[np.ndarray, np.ndarray, list[Shared]], within: float) -> dict[int, _Rod]:
@@ -110,33 +128,55 @@ def _rods(model: Any, data: Any, at: tuple[np.ndarray, np.ndarray, list[Shared]]
             apart = np.linalg.norm(x[own] - ends[:, None], axis=2)
             nodes = frozenset(own[apart.argmin(1)].tolist())
             if len(nodes) == 2 and apart.min(1).max() <= within:
-                found[geom] = _Rod(nodes, radius)
+                found[geom] = _Rod(frozenset(own.tolist()), nodes, radius)
     return found
 
 
 def _with_rods(body: Body, rods: dict[int, _Rod]) -> Body:
-    own = {(min(rod.ends), max(rod.ends)) for rod in rods.values() if rod.ends <= {*body.points}}
+    own = {(min(rod.ends), max(rod.ends)) for rod in rods.values() if rod.points == {*body.points}}
     return dataclasses.replace(body, rods=tuple(sorted(own)))
 
 
 def _given(model: Any) -> dict[Pair, _Met]:
     """The pairs of geoms that the model itself names."""
-    found = {}
+    found: dict[Pair, _Met] = {}
+    if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT:
+        return found
     for k, (a, b) in enumerate(zip(model.pair_geom1.tolist(), model.pair_geom2.tolist())):
         contact = int(model.pair_dim[k]), model.pair_friction[k], float(model.pair_margin[k]), model.pair_solref[k]
         found[min(a, b), max(a, b)] = _Met(0.0, contact)
     return found
 
 
-def _check_friction(model: Any, scene: Scene, between: dict[Pair, _Met], size: float, losses: Losses) -> None:
-    """Loses friction of rods with each other that is not that of the scene."""
-    own = np.ravel(0.0 if scene.friction is None else scene.friction.sliding_mu)
-    for (a, b), each in between.items():
-        mu = friction_of(model, a, each.contact, size, losses)
-        if np.abs(own - mu).max() > SAME_FRICTION:
-            names = " and ".join(name_of(model, "geom", geom) for geom in (a, b))
-            here = f"{own.min():g}" + f" to {own.max():g}" * bool(np.ptp(own))
-            losses.lose("friction", f"geoms {names} touch each other with friction {mu:g}, where nodes have {here}")
+def _by_rule(model: Any, a: int, b: int) -> _Met:
+    """What MuJoCo makes of two geoms that have not met: of the one with priority, or else of both together."""
+    first, second = (model.geom_priority[geom] for geom in (a, b))
+    geoms = [a, b] if first == second else [a if first > second else b]
+    friction = np.max(model.geom_friction[geoms], axis=0)[[0, 0, 1, 2, 2]]
+    springs = model.geom_solref[geoms]
+    worst = springs[int(np.argmax([bounces(each) for each in springs]))]  # as they may mix
+    return _Met(np.inf, (int(max(model.geom_condim[geoms])), friction, float(max(model.geom_margin[[a, b]])), worst))
+
+
+def _coefficients(scene: Scene, rods: list[int]) -> np.ndarray:
+    """Friction coefficients of the ends of two rods."""
+    mu = np.zeros(len(scene.structure.nodes)) + (0.0 if scene.friction is None else scene.friction.sliding_mu)
+    edges = rods_of(scene.structure)
+    return mu[[node for k in rods for node in edges[k]]]
+
+
+def _sliding(contact: Any) -> float:
+    return 0.0 if contact[0] == 1 or contact[1][0] <= LEAST_FRICTION else float(max(contact[1][:2]))
+
+
+def _check_friction(model: Any, pair: Pair, each: _Met, own: np.ndarray, sizes: tuple[float, Losses]) -> None:
+    """Loses friction of two rods with each other that is not that of their ends."""
+    size, losses = sizes
+    mu = friction_of(model, pair[0], each.contact, size, losses)
+    if np.abs(own - mu).max() > SAME_FRICTION:
+        names = " and ".join(name_of(model, "geom", geom) for geom in pair)
+        here = f"{own.min():g}" + f" to {own.max():g}" * bool(np.ptp(own))
+        losses.lose("friction", f"geoms {names} touch each other with friction {mu:g}, where nodes have {here}")
 
 
 def _met(model: Any, data: Any, losses: Losses) -> dict[Pair, _Met]:

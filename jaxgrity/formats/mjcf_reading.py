@@ -123,14 +123,14 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
         x, carrier = np.concatenate([x, found.more]), np.r_[carrier, found.carrier]
         place |= {k: k for k in range(len(used), len(x))}
     hinges = hinge_laws(model, data, (x, carrier), joints, shared, losses)
-    masses, fixed, rods, rigid = carried(model, data, (x, carrier), shared, notes)
+    balls_of = {} if found is None else dict(found.turning)
+    masses, fixed, rods, rigid = carried(model, data, (x, carrier), shared, balls_of, losses)
     if pushing:
         notes.append(f"{len(pushing)} tendons push as well as pull, and are struts")
     pulling = [spring for spring in springs if spring.kind == "cable"]
     _refuse_shared_pairs(springs)
     check_edges(x, _segments(pushing) or tuple(edge for edge, _ in rods), _segments(pulling))
-    struts = _members(pushing, x) if pushing else rod_members(x, rods)
-    cables = _members(pulling, x)
+    struts, cables = _members(pushing, x) if pushing else rod_members(x, rods), _members(pulling, x)
     _note_controls([*pushing, *pulling], 0 if pushing or struts is None else len(struts.edges), notes)
     drag = drag_of(model, {site: place[merged[k]] for site, k in number.items()}, len(x), losses)
     found = found or touched_plane(model, data, x, carrier, losses)

@@ -41,6 +41,8 @@ class WrittenRods(NamedTuple):
 
 def written_rods(scene: Scene, plan: Plan, links: list[Link]) -> WrittenRods:
     """The capsules along which the links of a scene touch the ground, and each other."""
+    bodies = scene.structure.bodies
+    owners = [None] * scene.structure.first_cable + [n for n, body in enumerate(bodies) for _ in body.rods]
     rods, found, left = rods_of(scene.structure), dict[tuple[int, bool], WrittenRod](), set[int]()
     plane = scene.ground is not None and scene.ground.surface is None
     law = strut_contact(scene)
@@ -49,7 +51,8 @@ def written_rods(scene: Scene, plan: Plan, links: list[Link]) -> WrittenRods:
         for pair, radii in zip(law.between.pairs, np.asarray(law.between.radius, float).tolist()):
             wanted |= {(k, False): radius for k, radius in zip(pair, radii)}
     for (k, grounded), radius in wanted.items():
-        link = next((n for n, link in enumerate(links) if {*rods[k]} <= {*link.nodes}), None)
+        held_by = (n for n, link in enumerate(links) if {*rods[k]} <= {*link.nodes})
+        link = next(held_by, None) if owners[k] is None else owners[k]  # links begin with the bodies
         if link is None:
             left.add(k)
         elif grounded and radius > 0:
@@ -76,11 +79,12 @@ def add_rod(body: ElementTree.Element, plan: Plan, capsule: WrittenRod, x: np.nd
     add_element(body, "geom", name=capsule.name, type="capsule", fromto=ends, size=[capsule.radius], mass=0, **touches)
 
 
-def add_pairs(root: ElementTree.Element, pairs: list[tuple[str, str]], friction: float, spring: Any) -> None:
-    """Contact of rods with each other, with a friction coefficient, and the `solref` of the ground."""
-    if not pairs:
+def add_pairs(root: ElementTree.Element, plan: Plan, rods: WrittenRods, friction: float, spring: Any) -> None:
+    """Contact of rods with each other: with the mean coefficient of their ends, or else with the one of all nodes."""
+    if not rods.pairs:
         return
-    contact = add_element(root, "contact")
-    for one, other in pairs:
-        law = {"condim": 3, "friction": [friction, friction, 0.0, 0.0, 0.0], "solref": spring}
+    contact, ends = add_element(root, "contact"), {capsule.name: capsule.ends for capsule in rods.each}
+    for one, other in rods.pairs:
+        mu = float(np.mean([plan.friction.get(node, friction) for node in (*ends[one], *ends[other])]))
+        law = {"condim": 3, "friction": [mu, mu, 0.0, 0.0, 0.0], "solref": spring}
         add_element(contact, "pair", geom1=one, geom2=other, **law)

@@ -45,13 +45,14 @@ def touched_by_balls(
                 continue
             node, x, carrier = len(x), np.r_[x, ball.centre[None]], np.r_[carrier, ball.body]
         found[node] = ball
+    rods = rod_geoms(model, data).values()
     for body in many:
         # a flat body has its points in its plane
         extents = np.linalg.eigvalsh(inertia_of(model, data, body)[2])
         if extents[0] <= FLAT * extents[-1]:
             continue
         # rods begin and end at nodes
-        for end in (end for rod in rod_geoms(model, data).values() if rod.body == body for end in rod.ends):
+        for end in (end for rod in rods if rod.body == body for end in rod.ends):
             if np.linalg.norm(x[own_nodes(carrier, shared, body)] - end, axis=1).min(initial=np.inf) > within:
                 x, carrier = np.r_[x, end[None]], np.r_[carrier, body]
         more = spanning_points(x[own_nodes(carrier, shared, body)])
@@ -68,7 +69,8 @@ def touched_by_balls(
     each[list(found)] = [ball.mu for ball in found.values()]
     ground = ExactGround(restitution=bounce, balls=Balls(tuple(found), radius))
     along = {ball.geom: ball.radius for ball in balls if ball.body in many}
-    return GroundFound(ground, cone_of(each), lift, more, bodies, n, along)
+    turning = {node: ball.body for node, ball in found.items()}
+    return GroundFound(ground, cone_of(each), lift, more, bodies, n, along, turning)
 
 
 def _outermost(model: Any, balls: list[Touching], within: float, losses: Losses) -> list[Touching]:

@@ -16,6 +16,7 @@ from jaxgrity.formats.mjcf_members import add_members, written_limit
 from jaxgrity.formats.mjcf_plan import Plan, geom_friction, plan_of
 from jaxgrity.formats.mjcf_rods import WrittenRods, add_pairs, add_rod, written_rods
 from jaxgrity.io.files import write_whole
+from jaxgrity.model.balls import turning_bodies
 from jaxgrity.model.force_laws import CableDampers, DeadBand
 from jaxgrity.model.hinges import HingeDampers, HingeSprings
 from jaxgrity.model.pulls import CommandedPull
@@ -105,10 +106,11 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     in_bodies = {node for link in links for node in link.nodes}
     capsules = written_rods(scene, plan, links)
     notes += _bodies(root, world, plan, links, step, scene, capsules)
-    add_pairs(root, capsules.pairs, _largest_friction(scene), [CONTACT_TIME * scale, 1.0])
+    add_pairs(root, plan, capsules, _largest_friction(scene), [CONTACT_TIME * scale, 1.0])
     notes += [f"{capsules.left} rods that touch are springs there, and touch at their ends"] if capsules.left else []
-    if any(len({plan.friction.get(node) for node in rod.ends}) > 1 for rod in capsules.each if rod.grounded):
-        notes += ["rods touch the ground with the larger friction coefficient of their two ends there"]
+    if any(len({plan.friction.get(node) for node in rod.ends}) > 1 for rod in capsules.each):
+        which = "the larger coefficient of their two ends, and each other with the mean of their ends"
+        notes += [f"friction: rods touch the ground with {which} there"]
     for node in range(len(drag)):
         if node not in in_bodies:
             _point(world, plan, node, drag[node])
@@ -176,6 +178,7 @@ def _bodies(
     x, parts = np.asarray(plan.structure.nodes, float), {WORLD: world}
     drawn, written = set[int](), set[tuple[int, ...]]()
     joints, loops = joints_between(links, _held(scene, links))
+    turning = {node: body.points for node, body in turning_bodies(scene.structure.bodies).items()}
     for joint in joints:
         link = links[joint.link]
         origin = np.zeros(3) if joint.parent == WORLD else links[joint.parent].centre
@@ -192,7 +195,7 @@ def _bodies(
             if capsule.link == joint.link:
                 add_rod(body, plan, capsule, x - link.centre)
         for node in link.nodes:
-            if node not in drawn:
+            if node not in drawn and turning.get(node, link.nodes) == link.nodes:
                 _node(body, plan, node, x[node] - link.centre, 0.0, node not in capsules.instead)
                 drawn.add(node)
     closed = add_element(root, "equality") if loops else root

@@ -96,16 +96,19 @@ def _solids(scene: Scene, x: np.ndarray, unit: float) -> Iterator[tuple[str, tup
     if (balls := getattr(scene.ground, "balls", None)) is not None:
         own = np.asarray(balls.radius, float) / unit
         radius[list(balls.nodes)] = np.where(own > 0, own, radius[list(balls.nodes)])
-    mu = getattr(scene.friction, "mu", None)
-    friction = {} if mu is None else {"friction": float(np.max(mu)) / GROUND_FRICTION}
+    mu = None if scene.friction is None else np.zeros(len(x)) + scene.friction.sliding_mu
+
+    def friction(*nodes: int) -> dict[str, float]:
+        return {} if mu is None else {"friction": float(mu[[*nodes]].mean()) / GROUND_FRICTION}
+
     edges = () if structure.struts is None else structure.struts.edges
     for k, (i, j) in enumerate(edges):
         r = max(radius[i], radius[j])
         volume = np.pi * r**2 * np.linalg.norm(x[i] - x[j]) / unit
-        yield f"rod{k}", (i, j), "tgRodInfo", {"radius": r, "density": (mass[i] + mass[j]) / volume, **friction}
+        yield f"rod{k}", (i, j), "tgRodInfo", {"radius": r, "density": (mass[i] + mass[j]) / volume, **friction(i, j)}
     for k in sorted({*range(len(x))} - {node for edge in edges for node in edge}):
         density = mass[k] / (4 / 3 * np.pi * radius[k] ** 3) if structure.free[k].all() else 0.0
-        yield f"ball{k}", (k,), "tgSphereInfo", {"radius": radius[k], "density": density, **friction}
+        yield f"ball{k}", (k,), "tgSphereInfo", {"radius": radius[k], "density": density, **friction(k)}
 
 
 def _pair(tag: str, first: int, second: int) -> str:
@@ -126,4 +129,7 @@ def _notes(scene: Scene) -> tuple[str, ...]:
         ends = np.asarray(scene.structure.node_mass, float)[np.asarray(struts.edges, int)].any()
         if ends or (cables is not None and cables.mass is not None):
             said.append("masses of nodes and cables are spread along the rods there, which turn more easily")
+        mu = np.zeros(len(scene.structure.nodes)) + (0 if scene.friction is None else scene.friction.sliding_mu)
+        if np.ptp(mu[np.asarray(struts.edges, int)], axis=1).any():
+            said.append("rods have the mean friction coefficient of their two ends there")
     return (*said, *beside_the_structure(dataclasses.replace(scene, friction=None)))

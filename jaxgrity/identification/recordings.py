@@ -73,7 +73,8 @@ def read_recording(path: str | Path, scene: Scene, unit: float = 1.0) -> Recordi
 
     JSON is a list of frames, as Chen and others publish for their robots (`processed_data.json`). Each frame has a
     `time` (s), and of each rod both ends, such as `rod_01_end_pt1`: three coordinates, or null. The rods in the order
-    of the first frame have the nodes 0 and 1, 2 and 3, and so on. Other keys are left out.
+    of their numbers have the nodes 0 and 1, 2 and 3, and so on; rods with names come as in the first frame. Other keys
+    are left out.
 
     Args:
         path: of the file.
@@ -92,16 +93,14 @@ def read_recording(path: str | Path, scene: Scene, unit: float = 1.0) -> Recordi
         if k and not times[k] > times[k - 1]:
             raise InputError(f"{path}: {line} has t = {times[k]:g} after {times[k - 1]:g}; expected later times")
     for (kind, number), column in found.items():
-        if kind != "contraction":
-            table[:, column] *= unit
         if kind in "xyz":
-            positions[:, number, "xyz".index(kind)] = table[:, column]
+            positions[:, number, "xyz".index(kind)] = unit * table[:, column]
     first = _first_whole(path, Recording(times, positions).known(scene.structure))
     if len(table) - first < FEWEST_FRAMES:
         seen = f"{len(table) - first} rows from the first one with every node on"
         raise InputError(f"{path}: has {seen}; expected at least {FEWEST_FRAMES}")
     asked = {key: column for key, column in found.items() if key[0] not in "xyz"}
-    commands = _commands(path, asked, times, table, lines, scene.structure) if asked else None
+    commands = _commands(path, asked, (times, table, lines), scene.structure, unit) if asked else None
     recording = Recording(times[first:], positions[first:], commands)
     _check_first_pose(path, scene, recording)
     return recording
@@ -145,12 +144,13 @@ def _json_rows(path: str | Path) -> tuple[list[str], list[tuple[str, list[str]]]
     if not (isinstance(frames, list) and frames and all(isinstance(frame, dict) for frame in frames)):
         raise InputError(f"{path}: expected a list of frames, each with its time and the ends of the rods")
     rods = list(dict.fromkeys(match[1] for match in map(ROD_END.fullmatch, frames[0]) if match))
+    rods = sorted(rods, key=int) if all(map(str.isdecimal, rods)) else rods
     ends = [f"rod_{rod}_end_pt{end}" for rod in rods for end in "12"]
     rows = []
     for number, frame in enumerate(frames):
         row = [_cell(frame.get("time"))]
         for end in ends:
-            place = frame.get(end) or [None] * 3
+            place = [None] * 3 if frame.get(end) is None else frame[end]
             if not (isinstance(place, list) and len(place) == 3):
                 raise InputError(f"{path}: frame {number} has {end} = {place!r:.60}; expected three coordinates")
             row += map(_cell, place)
@@ -219,12 +219,12 @@ def _first_whole(path: str | Path, each: Bool[np.ndarray, "rows nodes"]) -> int:
 def _commands(
     path: str | Path,
     asked: dict[tuple[str, int], int],
-    times: Times,
-    table: Table,
-    lines: list[str],
+    rows: tuple[Times, Table, list[str]],
     structure: Structure,
+    unit: float,
 ) -> Commands:
     """The contractions of the commanded members."""
+    times, table, lines = rows
     members = tuple(number for _, number in asked)
     lengths = np.concatenate([np.asarray(each.rest_length, float) for each in structure.members])
     contractions = []
@@ -238,11 +238,11 @@ def _commands(
                 f"{path}: has a column '{kind} {number}'; expected none, since the scene has a motor there"
             )
         values = table[:, column]
-        share = 1 - values / lengths[number] if kind == "rest length" else values
+        share = 1 - unit * values / lengths[number] if kind == "rest length" else values
         wrong = np.flatnonzero(~(share < 1))
         if wrong.size:
             given = "nothing" if np.isnan(values[wrong[0]]) else f"{values[wrong[0]]:g}"
-            expected = "a positive number of metres" if kind == "rest length" else "a fraction below 1"
+            expected = "a positive length" if kind == "rest length" else "a fraction below 1"
             where = f"{path}: {lines[wrong[0]]} has {kind} {number} = {given}"
             raise InputError(f"{where}; expected {expected} in each row")
         contractions.append(share)
@@ -251,7 +251,7 @@ def _commands(
 
 def _check_first_pose(path: str | Path, scene: Scene, recording: Recording) -> None:
     """Refuse places in another unit, or of other nodes."""
-    expected = "expected metres, and columns with the scene's numbers of nodes"
+    expected = "expected metres, or the file's unit (--unit), and the scene's numbers of nodes"
     structure, t = scene.structure, float(recording.times[0])
     q = recording.filled(structure)[0]
     gait = recording.commands or scene.gait

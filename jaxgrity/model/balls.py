@@ -14,7 +14,7 @@ import numpy as np
 from jaxgrity.core.arguments import check_each, is_count
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, PerRow, as_float, namespace_of
-from jaxgrity.model.bodies import Bodies
+from jaxgrity.model.bodies import Bodies, Body
 from jaxgrity.model.rods import Carriers, moved_beside
 from jaxgrity.model.surface import Direction, Surface
 
@@ -63,6 +63,12 @@ class Balls(eqx.Module):
         radius = dict(zip(self.nodes, np.asarray(self.radius).tolist()))
         return all(np.isclose(radius.get(nodes[k], np.inf), r, rtol=1e-9, atol=0) for k, r in radius.items())
 
+    def turn_alike(self, bodies: Bodies, nodes: Sequence[int]) -> bool:
+        """Whether each ball turns with the body that takes the place of the one with which its image turns."""
+        body_of = {node: body.points for node, body in turning_bodies(bodies).items() if node in self.nodes}
+        images = {nodes[k]: {nodes[i] for i in points} for k, points in body_of.items()}
+        return all({*body_of.get(k, ())} == points for k, points in images.items())
+
     def turning(self, bodies: Bodies, q: NodeVectors, normal: AnyArray) -> AnyArray:
         """(balls, nodes): the weights with which x - r n moves as nodes do, beside the weight 1 of the ball's own.
 
@@ -76,15 +82,20 @@ class Balls(eqx.Module):
         return weights.at[own].set(moved_beside(Carriers(carriers, np.ones(len(own), bool)), arms, q))
 
     def _turned(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
-        """The numbers of the balls that turn with a body, and its basic points, (balls, 4). At a joint of several
-        bodies that is the first of them."""
-        body_of: dict[int, tuple[int, ...]] = {}
-        for body in bodies:
-            if len(body.basic) == 4:
-                for node in body.points:
-                    body_of.setdefault(node, body.basic)
+        """The numbers of the balls that turn with a body, and its basic points, (balls, 4)."""
+        body_of = turning_bodies(bodies)
         own = [k for k, node in enumerate(self.nodes) if node in body_of]
-        return np.array(own, int), np.array([body_of[self.nodes[k]] for k in own], int).reshape(-1, 4)
+        return np.array(own, int), np.array([body_of[self.nodes[k]].basic for k in own], int).reshape(-1, 4)
+
+
+def turning_bodies(bodies: Bodies) -> dict[int, Body]:
+    """The body with which a ball at a node turns: at a joint the first one with a rod that ends there, or the first."""
+    found: dict[int, Body] = {}
+    whole = [body for body in bodies if len(body.basic) == 4]
+    ends = [(node, body) for body in whole for rod in body.rods for node in rod]
+    for node, owner in (*ends, *((node, body) for body in whole for node in body.points)):
+        found.setdefault(node, owner)
+    return found
 
 
 class Thickened(Surface):

@@ -82,9 +82,12 @@ class SwitchFriction(Friction):
         check_each("friction.mu_kinetic", self.mu_kinetic, least=0.0)
         known = isinstance(self.mu_static, np.ndarray) and isinstance(self.mu_kinetic, np.ndarray)
         if known and not np.all(self.mu_static >= self.mu_kinetic):
+            sticking, sliding = np.broadcast_arrays(self.mu_static, self.mu_kinetic)
+            k = int(np.argmax(np.ravel(sliding > sticking)))
+            node = f"[{k}]" if sticking.ndim else ""
             raise InputError(
-                f"friction.mu_static = {self.mu_static}: expected at least mu_kinetic = {self.mu_kinetic}, since "
-                "friction does not grow as a node begins to slide"
+                f"friction.mu_static{node} = {np.ravel(sticking)[k]:g}: expected at least "
+                f"mu_kinetic{node} = {np.ravel(sliding)[k]:g}, since friction does not grow as a node begins to slide"
             )
 
     def law(self, ground):

@@ -88,7 +88,8 @@ class Scene(eqx.Module):
         if self.friction is not None:
             if self.ground is None:
                 raise InputError("friction needs a ground to act on; expected [ground] beside [friction]")
-            check_each("friction.mu", self.friction.sliding_mu, shape=(nodes,) * np.ndim(self.friction.sliding_mu))
+            for name, given in vars(self.friction).items():
+                check_each(f"friction.{name}", given, shape=(nodes,) * np.ndim(given))
             if self.friction.impulsive != self.ground.impulsive:
                 goes = "expected a cone with exact contact, smooth friction or the switch with penalty contact"
                 raise InputError(f"friction.kind does not fit ground.contact: {goes}")

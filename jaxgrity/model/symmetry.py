@@ -51,6 +51,9 @@ def standing_symmetries(scene: Scene) -> tuple[Symmetry, ...]:
     identity is counted. Raises as `symmetries` does.
     """
     rules = [keeps(law, scene) for law in scene.laws]
+    balls = None if scene.ground is None else scene.ground.balls
+    if balls is not None:
+        rules.append(lambda s: balls.turn_alike(scene.structure.bodies, s.nodes))
     found = tuple(s for s in symmetries(scene.structure) if all(kept(s) for kept in rules))
     return found if scene.shaking is None else found[:1]
 

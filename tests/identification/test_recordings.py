@@ -87,6 +87,12 @@ def test_frames_with_the_ends_of_rods_are_read(tmp_path):
     np.testing.assert_allclose(found.positions[:, 0], [[0.0, 1.0, 0.01 * k] for k in range(4)])
     np.testing.assert_allclose(found.positions[:, 1], [[np.nan] * 3 if k == 2 else [1.0, 1.0, 0.0] for k in range(4)])
     assert found.commands is None
+    for frames in ([{**frame, "rod_23_end_pt1": [3.0, 0, 0], "rod_23_end_pt2": [4.0, 0, 0]} for frame in FRAMES],):
+        turned = [dict(reversed(frame.items())) for frame in frames]  # rods in the order of their numbers
+        two = Scene(Structure([[0, 0, 0], [1.0, 0, 0], [0, 1, 0], [0, 2, 0]], np.ones(4)))
+        first, second = (read_frames(tmp_path, each, two, unit=0.1).positions for each in (frames, turned))
+        np.testing.assert_array_equal(first, second)
+        np.testing.assert_allclose(first[:, 2], [[0.3, 0, 0]] * 4)
     with pytest.raises(InputError, match=r"unit = 0"):
         read_frames(tmp_path, FRAMES, rod, unit=0.0)
     with pytest.raises(InputError, match=r"processed.json: strut 0 \(nodes 0 and 1\) is 10 m long"):
@@ -135,14 +141,17 @@ BAD = {
     "time backwards": (HEAD + "0.1,0,0,-1.2\n\n0.1,0,0,-1.2\n", "line 4 has t = 0.1 after 0.1; expected later times"),
     "never seen": (HEAD + "0,0,,-1.2\n0.1,0,,-1.2\n", "never has node 1; expected x1, y1, z1 in some rows"),
     "short": (HEAD + "0,,0,-1.2\n0.1,0,0,-1.2\n0.2,0,0,-1.2\n", "has 2 rows from the first one .* at least 3"),
-    "millimetres": (HEAD + GOOD.replace("-1.2", "-120"), "robot is 100 times as large as the scene; expected metres"),
+    "millimetres": (
+        HEAD + GOOD.replace("-1.2", "-120"),
+        "robot is 100 times as large as the scene; expected metres, or the file's unit",
+    ),
     "both commands": (
         "t,x1,y1,z1,contraction 0,rest length 0\n" + GOOD.replace("\n", ",0,1\n"),
         "has both commands of member 0; expected its rest length or its contraction",
     ),
     "a lost command": (
         "t,x1,y1,z1,rest length 0\n" + GOOD.replace("\n", ",1\n", 1).replace("-1.2\n", "-1.2,\n"),
-        "line 3 has rest length 0 = nothing; expected a positive number of metres in each row",
+        "line 3 has rest length 0 = nothing; expected a positive length in each row",
     ),
     "percents": (
         "t,x1,y1,z1,contraction 0\n" + GOOD.replace("\n", ",20\n"),
