@@ -29,7 +29,7 @@ import numpy as np
 from jaxgrity.core.dense import least_solution
 from jaxgrity.core.side_by_side import applied, contracted, for_many, where_needed, while_any
 from jaxgrity.core.types import AnyArray, AnyMemberVectors, AnyNodeVectors, AnyPerMember, AnyPerNode
-from jaxgrity.stepping.coupled_contacts import NORMAL, ContactProblem, as_impulses, solve_nearest_contacts
+from jaxgrity.stepping.coupled_contacts import NORMAL, ContactProblem, Factors, as_impulses, solve_nearest_contacts
 from jaxgrity.stepping.coupled_problem import (
     Coupled,
     Elimination,
@@ -242,7 +242,7 @@ def _round(problem: Coupled, root_mass: AnyPerMember, parts: Elimination, found:
         tolerance, enough = (jnp.finfo(b.dtype).eps ** power * problem.speed for power in (0.75, 0.6))
         contact = scaled(problem.contact, root_mass)
         start = as_impulses(contact, found.trial)
-        start = start - b - applied(parts.G, start)
+        start = start - b - (parts.G.applied(start) if isinstance(parts.G, Factors) else applied(parts.G, start))
         z, error = solve_nearest_contacts(ContactProblem(parts.G, b, contact, root_mass, tolerance, enough), start)
     w, p = contact_of(problem, root_mass, z)
     f, pulls = found.struts, found.pulls

@@ -14,7 +14,7 @@ own block has the mean 1. So rho = 1 is a fair start, and z is in m/s times the 
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -50,11 +50,29 @@ HALVINGS = 8
 """Number of lengths that are tried for a Newton step: the whole step, a half of it, a quarter, and so on."""
 
 
+class Factors(NamedTuple):
+    """G = D B D^T, which is multiplied out only where all contacts are unknowns: of others few columns are needed."""
+
+    D: AnyArray
+    """(3 contacts, 3 nodes)"""
+    B: AnyArray
+    """(3 nodes, 3 nodes), symmetric"""
+
+    def columns(self, numbers: AnyArray) -> AnyArray:
+        return self.D @ (self.B @ self.D[numbers].T)
+
+    def applied(self, p: AnyNodeVectors) -> AnyNodeVectors:
+        return (self.D @ (self.B @ (p.ravel() @ self.D))).reshape(p.shape)
+
+    def whole(self) -> AnyArray:
+        return self.D @ self.B @ self.D.T
+
+
 class ContactProblem(NamedTuple):
     """The conditions on impulses at all nodes; vectors along normal and tangents, all scaled by masses."""
 
-    G: AnyArray
-    """(3 nodes, 3 nodes), symmetric, positive semidefinite: the response to impulses"""
+    G: Any
+    """(3 nodes, 3 nodes), symmetric, positive semidefinite: the response to impulses; or its `Factors`"""
     b: AnyNodeVectors
     """velocities without impulses"""
     contact: Contact
@@ -118,19 +136,29 @@ def solve_contacts(problem: ContactProblem, start: AnyNodeVectors) -> Solved:
     return while_any(unsolved, again, (Solved(start, infinite), splitting, none))[0]
 
 
+def begins_with_nearest(contacts: int, *many: int) -> bool:
+    """Whether the nearest contacts alone are the first unknowns, in one problem or in many."""
+    # a condition under `jax.vmap` computes both: only on CPUs are large problems solved one by one
+    return not many and contacts >= 2 * NEAREST and jax.default_backend() == "cpu"
+
+
 def solve_nearest_contacts(problem: ContactProblem, start: AnyNodeVectors) -> Solved:
     """`solve_contacts` with `NEAREST` contacts as unknowns, wherever that solves the whole problem too.
 
     The others have no impulses. If one of them would end the step below the ground, or Newton's method fails, all
     contacts are unknowns. So they are from the first if more of them press at the start.
     """
-    # a condition under `jax.vmap` computes both: only on CPUs are large problems solved one by one
-    if start.ndim > 2 or len(start) < 2 * NEAREST or jax.default_backend() != "cpu":
+    if not begins_with_nearest(len(start), *start.shape[2:]):
         return solve_contacts(problem, start)
     few = jnp.sum(start[:, 0] + problem.contact.closing > 0) <= NEAREST
     unsolved = Solved(start, jnp.full_like(problem.b[0, 0], jnp.inf)), jnp.array(False)
     found, whole = jax.lax.cond(few, lambda: _nearest_alone(problem, start), lambda: unsolved)
-    return jax.lax.cond(whole, lambda: found, lambda: solve_contacts(problem, start))
+    G = problem.G
+    return jax.lax.cond(
+        whole,
+        lambda: found,
+        lambda: solve_contacts(problem._replace(G=G.whole() if isinstance(G, Factors) else G), start),
+    )
 
 
 def _nearest_alone(problem: ContactProblem, start: AnyNodeVectors) -> tuple[Solved, AnyArray]:
@@ -140,7 +168,7 @@ def _nearest_alone(problem: ContactProblem, start: AnyNodeVectors) -> tuple[Solv
     rows = jnp.argsort(jnp.where(start[:, 0] + contact.closing > 0, -jnp.inf, free))[:NEAREST]
     columns = (3 * rows[:, None] + np.arange(3)).ravel()
     near = jax.tree.map(lambda x: x[rows] if jnp.ndim(x) else x, contact)
-    answers = G[:, columns]
+    answers = G.columns(columns) if isinstance(G, Factors) else G[:, columns]
     few = ContactProblem(answers[columns], b[rows], near, root_mass[rows], tolerance, enough)
     found = solve_contacts(few, start[rows])
     without = -b - (answers @ as_impulses(near, found.trial).ravel()).reshape(b.shape)

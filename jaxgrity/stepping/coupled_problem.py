@@ -10,7 +10,7 @@ from jaxgrity.core.primitives import length
 from jaxgrity.core.side_by_side import applied, contracted, for_many
 from jaxgrity.core.types import AnyArray, AnyMemberVectors, AnyNodeVectors, AnyPerMember, AnyPerNode
 from jaxgrity.stepping.coupled_constraints import Constraints, Sliding
-from jaxgrity.stepping.coupled_contacts import as_impulses
+from jaxgrity.stepping.coupled_contacts import Factors, as_impulses, begins_with_nearest
 from jaxgrity.stepping.ground_response import Contact
 
 REDUNDANT = 1e-11
@@ -45,7 +45,7 @@ class Elimination(NamedTuple):
     """(struts, 3 nodes)"""
     inverse: AnyArray
     """(struts, struts), kg, (J A J^T)^-1"""
-    G: AnyArray
+    G: AnyArray | Factors
     """(3 contacts, 3 contacts): B along normals and tangents, scaled by masses"""
 
 
@@ -100,6 +100,8 @@ def eliminated(problem: Coupled, root_mass: AnyPerNode, u: AnyMemberVectors) -> 
     J, inverse, B = response(problem, u)
     if problem.reach is not None:
         D = problem.reach.reshape(3 * contacts, 3 * nodes, *many)  # -1 fails without contacts
+        if begins_with_nearest(contacts, *many):
+            return Elimination(u, J, inverse, Factors(weight[:, None] * D, B))
         G = contracted("il,jl->ij", contracted("ik,kl->il", D, B), D)
     else:
         of_nodes = contracted("iak,ikjl->iajl", problem.frame, B.reshape(nodes, 3, nodes, 3, *many))

@@ -431,6 +431,20 @@ def test_where_more_contacts_press_all_are_unknowns_at_once(monkeypatch):
         assert list(map(int, tried)) == expected
 
 
+def test_the_response_of_contacts_by_its_factors_is_that_of_their_product():
+    """Alike, on four feet and on all contacts; the factors are of a body of one node that moves without turning."""
+    feet = np.where(np.isin(np.arange(18), [0, 2, 6, 8]), 0.0, 0.05)
+    solved = jax.jit(lambda problem: coupled_contacts.solve_nearest_contacts(problem, -problem.b))
+    for gap in (feet, np.zeros(18)):
+        problem = slab(gap)
+        D = np.asarray(problem.root_mass)[:, None, None] * np.eye(3)
+        factors = coupled_contacts.Factors(jnp.array(D.reshape(-1, 3)), 0.5 * jnp.eye(3))
+        found = solved(problem._replace(G=factors))
+        expected = solved(problem._replace(G=factors.whole()))
+        np.testing.assert_allclose(found.trial, expected.trial, rtol=0, atol=1e-12)
+        assert found.error <= problem.tolerance
+
+
 @pytest.mark.campaign
 def test_derivatives_of_a_body_with_many_contacts(central_difference):
     """Eighteen, of which three feet land one after the other on a slope and slide on: in friction and gravity.
