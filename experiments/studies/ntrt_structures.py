@@ -63,7 +63,7 @@ def words(record: Record) -> str:
         "settling moves nodes, mm": lambda row: f"{1e3 * row['moved']:.0f}",
         "height at rest without gravity, m": lambda row: f"{row['exact']['start']:.2f}",
         f"height after {record['duration']:g} s, exact contact, m": lambda row: ending(row["exact"]),
-        "after 10 s, penalty contact, m": lambda row: ending(row["penalty"]),
+        f"after {record['duration']:g} s, penalty contact, m": lambda row: ending(row["penalty"]),
     }
     return columns(record["rows"], cells)
 

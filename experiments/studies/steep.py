@@ -114,8 +114,7 @@ def on_slope(slope: float, friction: float) -> Scene:
 def words(record: Record) -> str:
     """What was found on each slope."""
     cells = {
-        "friction": "{friction:g}",
-        "slope": "{slope:g}°",
+        "friction, slope": "{friction:g}, {slope:g}°",
         "perturbed robots: speed, body lengths/s": lambda row: _with_spread(row["robust"]),
         "of these climb": lambda row: f"{row['climbing']['own']:.0%}",
         "speed on penalty contact": lambda row: _with_spread(row["other_contact_model"]),
@@ -130,22 +129,24 @@ def _with_spread(robots: Record) -> str:
     return f"{robots['mean']:.2f} ({robots['standard_deviation']:.2g})"
 
 
-@steep.figure(3.6)
+@steep.figure(5.6)
 def figure(record: Record, chart: Figure) -> None:
     """Of each slope's gait, how fast its robots climb: the share of robots that are as fast or slower."""
-    panes = chart.subplots(1, 2, sharey=True)
-    for axes, name, title in zip(panes, ("own", "other"), ("exact contact", "penalty contact")):
-        for row, speeds, marker in zip(record["rows"], record["speeds"], plot.MARKERS):
-            share = (np.arange(len(speeds[name])) + 0.5) / len(speeds[name])
-            axes.plot(
-                speeds[name],
-                share,
-                f"{marker}-",
-                markevery=0.1,
-                markersize=4,
-                label=f"{row['slope']:g}°, {row['friction']:g}",
-            )
-        axes.axvline(0, color="black", linewidth=0.8)
-        axes.set(title=title, xlabel="speed (body lengths/s)")
-    panes[0].set_ylabel("share of robots")
-    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside right upper", title="slope, friction")
+    frictions = list(dict.fromkeys(row["friction"] for row in record["rows"]))
+    panes = chart.subplots(len(frictions), 2, sharey=True, sharex=True, squeeze=False)
+    for friction, beside in zip(frictions, panes):
+        gaits = [
+            (row["slope"], speeds)
+            for row, speeds in zip(record["rows"], record["speeds"], strict=True)
+            if row["friction"] == friction
+        ]
+        for axes, name, title in zip(beside, ("own", "other"), ("exact contact", "penalty contact")):
+            for (slope, speeds), marker in zip(gaits, plot.MARKERS):
+                share = (np.arange(len(speeds[name])) + 0.5) / len(speeds[name])
+                axes.plot(speeds[name], share, f"{marker}-", markevery=0.1, markersize=4, label=f"{slope:g}°")
+            axes.axvline(0, color="black", linewidth=0.8)
+            axes.set(title=f"friction {friction:g}, {title}")
+        beside[0].set_ylabel("share of robots")
+        beside[1].legend(title="slope", loc="center left", bbox_to_anchor=(1.02, 0.5))
+    for axes in panes[-1]:
+        axes.set_xlabel("speed (body lengths/s)")

@@ -183,7 +183,7 @@ def test_struts_of_other_lengths_are_in_another_unit_or_have_other_numbers(tmp_p
     text = "t,x0,y0,z0,x1,y1,z1,x2,y2,z2\n"
     places = (scale * NODES * [1.0, 0.3, 1.0] if scale == 1 else scale * NODES)[order]
     rows = [f"{k / 10},{','.join(map(str, places.ravel()))}\n" for k in range(3)]
-    with pytest.raises(InputError, match=f"run.csv: {words}.*; expected metres, and columns with the scene's numbers"):
+    with pytest.raises(InputError, match=f"run.csv: {words}.*; expected metres, or the file's unit"):
         read(tmp_path, text + "".join(rows), scene)
 
 
