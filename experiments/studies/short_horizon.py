@@ -125,13 +125,13 @@ def learned(
 @short_horizon.table
 def words(record: Record) -> str:
     """What each method reaches; whatever is the same in all rows is left out."""
-    told = {"contact": "{contact}", "method": "{method}", "robots": "{robots}", "seed": "{seed}"}
-    cells = {name: cell for name, cell in told.items() if len({row[name] for row in record["rows"]}) > 1}
+    told = {"contact": "{contact}", "method": "{method}, {robots} robots", "seed": "{seed}"}
+    cells = {name: cell for name, cell in told.items() if len({cell.format(**row) for row in record["rows"]}) > 1}
     cells |= {
         "progress, m/s": lambda row: with_error(row["progress"], row["error"], decimals=2),
         "updates": "{updates}",
         "control periods": lambda row: f"{row['periods'] / 1e6:.2f} million",
-        "norm of gradients, median and largest": lambda row: (
+        "gradient, median and largest": lambda row: (
             "-" if row["norms"] is None else " and ".join(f"{x:.2g}" for x in row["norms"])
         ),
     }

@@ -555,7 +555,7 @@ def test_gradients_through_the_motion_are_compared_with_ppo(tmp_path):
     ppo, shac = facts["rows"]
     assert ppo["norms"] is None
     assert 0 < shac["norms"][0] <= shac["norms"][1] < np.inf
-    assert "| short-horizon | " in words("short_horizon", facts)
+    assert "| short-horizon, 8 robots | " in words("short_horizon", facts)
 
 
 def test_commands_within_reach_have_derivatives_where_the_motors_saturate():
