@@ -6,12 +6,10 @@ from dataclasses import replace
 import jax
 from measurements.measurement import Record, measurement
 from measurements.pages import columns
+from measurements.unseen import unseen
 
-from jaxgrity import Scene, bumps, contact_twin, load_scene, with_error
-from jaxgrity.control import Environment, Errors, Sensors, environment, load_policy, policy_names, trials
-
-BAD = Sensors(noise=Errors(directions=0.02, spins=0.1, cable_lengths=0.002, tensions=1.0, contact=0.01), delay=3)
-"""Noise of 0.02, 0.1 rad/s, 2 mm and 1 N, 1 % of contacts wrong, all of it 30 ms late."""
+from jaxgrity import Scene, bumps, load_scene, with_error
+from jaxgrity.control import Environment, environment, load_policy, policy_names, trials
 
 ROLLS = 0.3
 """Mean progress from which an episode counts as rolling, m/s: a third of what such policies reach."""
@@ -43,10 +41,11 @@ def kinds(task: str, scene: Scene) -> dict[str, Environment]:
     """The same task where something is other than it was in training."""
     rough = replace(scene, ground=replace(scene.ground, surface=bumps(0.02, 1.0, seed=0)))
     slippery = replace(scene.friction, mu=0.6 * scene.friction.mu)
+    shared = unseen(task, scene)
     found = {
-        "as trained, steps of 5 ms in float64": environment(task, scene),
-        "the other contact model": environment(task, contact_twin(scene)),
-        "sensors that err, 30 ms late": environment(task, scene, sensors=BAD),
+        "as trained, steps of 5 ms in float64": shared["finer"],
+        "the other contact model": shared["other"],
+        "sensors that err, 30 ms late": shared["erring"],
         "bumps of 2 cm": environment(task, rough),
         "friction 0.6 times as high": environment(task, replace(scene, friction=slippery)),
     }

@@ -1,83 +1,124 @@
-"""How fast policies are learned, how well they do in new episodes, and on the contact model that they never saw."""
+"""How fast policies are learned, and how well they do where they never were: other contact, bad sensors, goals."""
 
+import json
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import jax
 import numpy as np
-from measurements.measurement import Figure, Record, measurement
+from measurements.measurement import Figure, Record, check_names, measurement
 from measurements.pages import columns
+from measurements.unseen import unseen
 
-from jaxgrity import SolverOptions, contact_twin, load_scene, with_error
+from jaxgrity import InputError, SolverOptions, load_scene, with_error
 from jaxgrity.control import LearningConfig, environment, learn, learner, trials
-from jaxgrity.report import plot
+from jaxgrity.io.files import read_text
+
+SPEED, HEADING = "speed", "heading"
+POINTS = 50
+"""Points of a learning curve in the record, at least."""
+CASES = (
+    *(f"speed 200 {seed}" for seed in range(3)),
+    *(f"heading 1200 {seed}" for seed in range(3)),
+)
+"""Task, updates and seed."""
 
 
-@measurement(page="environments.md", quick={"updates": 2, "robots": 8, "episodes": 2}, drawn=("curve",))
+@measurement(page="environments.md", quick={"cases": ("heading 2 0",), "robots": 8, "episodes": 2}, drawn=("curve",))
 def learning(
-    seeds: tuple[int, ...] = (0, 1, 2),
-    updates: int = 300,
+    cases: tuple[str, ...] = CASES,
     robots: int = 512,
     episodes: int = 64,
+    earlier: Path | None = None,
 ) -> Iterator[Record]:
-    """A row for each seed.
+    """A row for each policy.
 
     Args:
-        seeds: of starts, networks and tries
-        updates: of each policy
+        cases: task, number of updates, and seed of starts, network and tries
         robots: side by side
         episodes: new ones, by which a policy is judged
+        earlier: a record of the same settings, whose cases are not learned again
     """
+    known = {} if earlier is None else {case_of(row): row for row in json.loads(read_text(earlier))["rows"]}
     config = LearningConfig(robots=robots)
-    scene, options = load_scene("exact"), SolverOptions(dt=0.01, dtype="float32")
-    env, finer = environment("speed", scene, options=options), environment("speed", scene)
-    other = environment("speed", contact_twin(scene))
-    for seed in seeds:
-        curve: list[float] = []
-        now = learner(env, jax.random.key(seed), config)
-        began = time.perf_counter()
-        policy = learn(env, now, updates, config, lambda _, told, c=curve: c.append(told["progress"])).policy
-        spent = time.perf_counter() - began
-        judged = {
-            name: trials(each, policy, jax.random.key(1000 + seed), episodes)
-            for name, each in {"progress": env, "finer": finer, "other": other}.items()
-        }
-        yield {
-            "task": "speed",
-            "seed": seed,
-            "seconds": spent,
-            **{name: float(found.mean()) for name, found in judged.items()},
-            "error": 2 * float(judged["progress"].std(ddof=1)) / episodes**0.5,
-            "curve": curve,
-        }
-    periods = robots * config.decisions * config.held
-    return {"updates": updates, "robots": robots, "episodes": episodes, "periods": periods}
+    for case, (task, updates, seed) in {case: numbers_of(case) for case in cases}.items():
+        yield known.get(case) or learned(task, updates, seed, config, episodes)
+    return {"robots": robots, "episodes": episodes, "periods": robots * config.decisions * config.held}
+
+
+def case_of(row: Record) -> str:
+    """The name of a row's case."""
+    return f"{row['task']} {row['updates']} {row['seed']}"
+
+
+def numbers_of(case: str) -> tuple[str, int, int]:
+    """Task, updates and seed. Raises `InputError` for what is no case."""
+    try:
+        task, *numbers = case.split()
+        updates, seed = map(int, numbers)
+        check_names("task", [task], (SPEED, HEADING))
+        if updates < 1 or seed < 0:
+            raise ValueError(f"{updates} updates, seed {seed}")
+    except ValueError as error:
+        raise InputError(f"cases = {case!r}: {error}; expected such as {CASES[0]!r}") from error
+    return task, updates, seed
+
+
+def learned(task: str, updates: int, seed: int, config: LearningConfig, episodes: int) -> Record:
+    """What a policy reaches in new episodes."""
+    scene = load_scene("exact")
+    env = environment(task, scene, options=SolverOptions(dt=0.01, dtype="float32"))
+    curve: list[float] = []
+    now = learner(env, jax.random.key(seed), config)
+    began = time.perf_counter()
+    policy = learn(env, now, updates, config, lambda _, told: curve.append(told["progress"])).policy
+    spent = time.perf_counter() - began
+    tests = {"progress": env} | unseen(task, scene)
+    if task == HEADING:  # whose observations are those of the task `goal`
+        tests["goal"] = environment("goal", scene)
+    found = {name: trials(each, policy, jax.random.key(1000 + seed), episodes) for name, each in tests.items()}
+    return {
+        "task": task,
+        "updates": updates,
+        "seed": seed,
+        "seconds": spent,
+        **{name: float(each.mean()) for name, each in found.items()},
+        "error": 2 * float(found["progress"].std(ddof=1)) / episodes**0.5,
+        "curve": curve[:: max(1, updates // POINTS)],
+    }
 
 
 @learning.table
 def words(record: Record) -> str:
     """What each policy reaches."""
     cells = {
-        "task": "{task}",
-        "seed": "{seed}",
-        "progress, m/s": lambda row: with_error(row["progress"], row["error"], decimals=3),
-        "with steps of 5 ms, float64": "{finer:.2f}",
+        "task, seed": "{task}, {seed}",
+        "progress, m/s": lambda row: with_error(row["progress"], row["error"], decimals=2),
+        "steps of 5 ms, float64": "{finer:.2f}",
         "other contact model": "{other:.2f}",
-        "control periods": lambda _: f"{record['updates'] * record['periods'] / 1e6:.1f} million",
-        "wall time, s": "{seconds:.0f}",
+        "bad sensors": "{erring:.2f}",
+        "task `goal`": lambda row: f"{row['goal']:.2f}" if "goal" in row else "-",
+        "control periods; wall time": lambda row: (
+            f"{row['updates'] * record['periods'] / 1e6:.0f} million; {row['seconds'] / 60:.1f} min"
+        ),
     }
     return columns(record["rows"], cells)
 
 
 @learning.figure(4.2)
 def figure(record: Record, chart: Figure) -> None:
-    """Progress of the policies that are tried, against control periods."""
-    axes = chart.subplots()
-    for row, marker in zip(record["rows"], plot.MARKERS):
-        at = np.arange(1, len(row["curve"]) + 1) * record["periods"] / 1e6
-        axes.plot(
-            at, row["curve"], marker=marker, markevery=0.08, markersize=5, label=f"{row['task']}, seed {row['seed']}"
-        )
-    axes.set(xlabel="control periods (millions)", ylabel="progress with exploration (m/s)")
-    axes.set_xlim(0, None)
-    chart.legend(loc="outside upper center", ncols=3)
+    """Progress of the policies that are tried, against control periods: the mean of all seeds, and their range."""
+    tasks = list(dict.fromkeys(row["task"] for row in record["rows"]))
+    panes = chart.subplots(1, len(tasks), sharey=True, squeeze=False)[0]
+    for axes, task in zip(panes, tasks):
+        rows = [row for row in record["rows"] if row["task"] == task]
+        for updates in dict.fromkeys(row["updates"] for row in rows):
+            curves = np.array([row["curve"] for row in rows if row["updates"] == updates])
+            at = np.linspace(0, updates, curves.shape[1], endpoint=False) * record["periods"] / 1e6
+            axes.plot(at, curves.mean(0), label=f"mean of {len(curves)} seeds")
+            axes.fill_between(at, curves.min(0), curves.max(0), alpha=0.25, label="from the worst to the best")
+        axes.set(title=task, xlabel="control periods (millions)")
+        axes.set_xlim(0, None)
+    panes[0].set_ylabel("progress with exploration (m/s)")
+    chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)

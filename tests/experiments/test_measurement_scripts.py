@@ -18,16 +18,19 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import run as launcher
 import tyro
 from measurements import registry, scaling
-from studies import library_gaits, stability
+from studies import library_gaits, short_rollouts, stability
 
 import jaxgrity
 from jaxgrity import InputError
 from jaxgrity.cli.search import SearchSettings
+from jaxgrity.control.motor_limits import contraction_reached
 
 EXPERIMENTS = Path(__file__).parents[2] / "experiments"
 
@@ -87,7 +90,7 @@ BEHIND_COMMANDS = "jaxgrity.explorer.session", "jaxgrity.orbits.motion_report"
 STEP_BY_STEP = ("jaxgrity.stepping.loop",)
 """The one stepping loop, for what looks at every step."""
 INNER = {
-    "short_horizon": ("jaxgrity.control.learned", "jaxgrity.control.ppo"),
+    "short_rollouts": ("jaxgrity.control.learned", "jaxgrity.control.ppo"),
     **dict.fromkeys(("gradients", "random_structures", "stability"), STEP_BY_STEP),
 }
 """Modules that one experiment needs: the study of another learner shares parts of ours, so that only the gradient
@@ -118,6 +121,9 @@ def test_no_experiment_imports_what_is_not_public(path):
         ("design_study", ["--strut-force", "-1"], ["expected positive limits"]),
         ("hard_cases", ["--cases", "warp drive"], ["cases = 'warp drive': unknown", "drop from 10 m"]),
         ("hard_cases", ["--methods", "euler"], ["euler", "rk4, tsit5"]),
+        ("learning", ["--cases", "speed 1 0", "walk 2 0"], ["cases = 'walk 2 0'", "'speed 200 0'"]),
+        ("learning", ["--cases", "heading 2"], ["cases = 'heading 2'"]),
+        ("short_horizon", ["--cases", "exact PPO 8 0", "exact SAC 8 0"], ["'exact SAC 8 0'", "method = 'SAC'"]),
         ("keep_gait", ["--run", "missing", "--name", "mine"], ["missing/gait.json"]),
         ("update_docs", ["--docs", "missing"], ["missing"]),
     ],
@@ -549,7 +555,47 @@ def test_gradients_through_the_motion_are_compared_with_ppo(tmp_path):
     ppo, shac = facts["rows"]
     assert ppo["norms"] is None
     assert 0 < shac["norms"][0] <= shac["norms"][1] < np.inf
-    assert "| short-horizon | " in words("short_horizon", facts)
+    assert "| short-horizon, 8 robots | " in words("short_horizon", facts)
+
+
+def test_commands_within_reach_have_derivatives_where_the_motors_saturate():
+    """A plain command far away changes nothing; one within reach does, and moves a motor no further than it can."""
+    motors, reach = jaxgrity.control.MotorLimits(rate=1.0, stroke=0.5), 0.04
+    policy = short_rollouts.Reaching(None, (reach,), motors.stroke)
+    now, lengths = jnp.array([0.1]), jnp.ones(1)
+
+    def moved(output, within):
+        output = jnp.array([output])
+        action = policy.action(now, output) if within else jnp.tanh(output)
+        wanted = motors.stroke * (1 + action) / 2
+        return contraction_reached(motors, now, wanted, reach / motors.rate, lengths, None)[0] - now[0]
+
+    for output in (-1.5, 0.0, 1.5):
+        plain, smooth = (jax.grad(moved)(output, within) for within in (False, True))
+        assert plain == 0 < smooth
+        assert abs(moved(output, True)) < reach
+    assert moved(-1.5, True) < 0 < moved(1.5, True)
+
+
+def test_no_decision_of_a_robot_drowns_the_others():
+    """Gradients are told in the median norm, and cut to it; one that is not finite counts nothing."""
+    slope = jnp.array([[[1.0, 0], [2.0, 0]], [[0, 1e6], [jnp.inf, 0]], [[0.5, 0], [0, 0]]])
+    evened = jax.vmap(short_rollouts.evened, axis_name=short_rollouts.AXIS)
+    cut, norms = jax.tree.map(lambda x: np.asarray(x[0]), evened(slope[None]))
+    assert np.allclose(cut, [[[1, 0], [1, 0]], [[0, 1], [0, 0]], [[0.5, 0], [0, 0]]])
+    assert (norms["median"], norms["largest"]) == (1, 1e6)
+
+
+@pytest.mark.campaign
+def test_learning_is_judged_where_a_policy_never_was(tmp_path):
+    """Quick size: a policy for headings is tried with other contact, with bad sensors and on goals."""
+    facts = quick("learning", tmp_path)
+    (row,) = facts["rows"]
+    assert {"progress", "finer", "other", "erring", "goal"} < set(row)
+    assert len(row["curve"]) == row["updates"] == 2
+    again = quick("learning", tmp_path / "again", "--earlier", tmp_path / "learning.json")
+    assert again["rows"] == facts["rows"]
+    assert "| heading, 0 | " in words("learning", facts)
 
 
 @pytest.mark.campaign
