@@ -6,7 +6,7 @@ import pytest
 from jaxgrity import InputError, SolverOptions, simulate
 from jaxgrity.formats import read_mjcf, save_mjcf
 from jaxgrity.model.rods import rods_of
-from jaxgrity.model.strut_contact import strut_contact
+from jaxgrity.model.strut_contact import strut_contact, with_contact_between_struts, without_strut_contact
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -113,3 +113,48 @@ def test_capsules_are_rods_between_nodes(read):
 def test_what_touches_in_another_way_is_refused(old, new, said, read):
     with pytest.raises(InputError, match=said):
         read(TWO.format(mu=0.5).replace(old, new))
+
+
+AXLE = """<body pos="{x} 0 0"><joint type="hinge" axis="0 1 0"/>
+<geom type="capsule" size="0.05" fromto="0 -0.2 0 0 0.2 0" mass="1"/>
+<site name="{n}d" pos="0 -0.2 0"/><site name="{n}e" pos="0 0.2 0"/><site name="{n}f" pos="0.03 0 0"/></body>"""
+CART = f"""<mujoco><option cone="elliptic" timestep="0.0005"/>
+<default><geom friction="0.8 0 0" solref="0.004 1"/></default><worldbody><geom type="plane" size="9 9 .1" zaxis="0.2 0 1"/>
+<body pos="0.00981 0 0.04903" euler="0 11.3099325 0"><freejoint/>
+<geom type="box" contype="0" conaffinity="0" size="0.2 0.02 0.02" mass="1"/>
+<site name="a" pos="0.2 0 0.01"/><site name="b" pos="-0.2 0 0.01"/><site name="c" pos="0 0 0.02"/>
+{AXLE.format(n="w", x=0.2)}{AXLE.format(n="v", x=-0.2)}</body></worldbody>
+<tendon><spatial stiffness="1" springlength="0 9"><site site="a"/><site site="b"/></spatial></tendon></mujoco>"""
+"""A cart with two rollers, capsules along their hinges, on a slope."""
+
+
+@pytest.mark.slow
+def test_a_roller_on_a_hinge_turns_with_itself_and_not_with_the_cart(read):
+    """Three parts of 1 kg roll down a slope of tan 0.2, the two rollers of inertia I and radius r turn:
+    a = g sin(slope) 3 / (3 + 2 I/r^2)."""
+    scene = read(CART, drop=["contact"]).scene
+    moved = simulate(scene, 0.3, options=SolverOptions(dt=1e-3), frame_rate=1 / 0.3)
+    way = np.linalg.norm(np.asarray(moved.positions[-1] - moved.positions[0])[:3], axis=1)
+    model = mujoco.MjModel.from_xml_string(CART)
+    turning = 2 * float(model.body_inertia[2].min()) / 0.05**2
+    np.testing.assert_allclose(way, 9.81 * 0.2 / np.hypot(1, 0.2) * 3 / (3 + turning) * 0.3**2 / 2, rtol=2e-3)
+
+
+def test_rods_touch_each_other_with_radii_of_their_own(read, tmp_path):
+    """Smaller than those with which they touch the ground, written and read again."""
+    scene = without_strut_contact(read(TWO.format(mu=0.5)).scene)
+    scene = with_contact_between_struts(scene, [0.04, 0.01], ((0, 1),))
+    save_mjcf(scene, tmp_path / "written.xml")
+    again = read_mjcf(tmp_path / "written.xml").scene
+    assert sorted(np.ravel(strut_contact(again).between.radius).tolist()) == pytest.approx([0.01, 0.04])
+    assert sorted(np.asarray(again.ground.capsules.radius).tolist()) == pytest.approx([0.02, 0.05])
+
+
+def test_dropped_pairs_do_not_touch(read):
+    """Neither two that MuJoCo lets touch in another way, nor two that start in each other."""
+    pair = '<contact><pair geom1="g" geom2="h" margin="0.001" friction="0.5 0.5 0 0 0"/></contact></mujoco>'
+    named = TWO.format(mu=0.5).replace('type="capsule" size="0.05"', 'name="g" type="capsule" size="0.05"')
+    for text in (named.replace("</mujoco>", pair), named.replace("0.1 0.1 0.12", "0.1 0.1 0.08")):
+        found = read(text, drop=["contact"])
+        assert strut_contact(found.scene) is None
+        assert any("dropped" in note for note in found.notes)

@@ -90,3 +90,15 @@ ROPE = Members(((0, 1), (1, 2)), [1.0, 1.0], [0.5, 0.5], clusters=((0, 1),))
 def test_what_ntrt_cannot_hold_is_refused(structure, reason, tmp_path):
     with pytest.raises(InputError, match=f"robot.yaml: {reason}"):
         save_ntrt(Scene(structure), tmp_path / "robot.yaml")
+
+
+def test_a_rod_has_the_mean_friction_of_its_ends(tmp_path):
+    """And a note says so where the two differ."""
+    scene = robot(3)
+    mu = np.linspace(0.1, 0.8, 8)
+    notes = save_ntrt(dataclasses.replace(scene, friction=ConeFriction(mu)), tmp_path / "robot.yaml")
+    assert "rods have the mean friction coefficient of their two ends there" in notes
+    found = read_ntrt(tmp_path / "robot.yaml", drop=["radius"]).scene
+    order = {frozenset(edge): mu[[*edge]].mean() for edge in scene.structure.struts.edges}
+    for edge in found.structure.struts.edges:
+        np.testing.assert_allclose(found.friction.mu[[*edge]], order[frozenset(edge)], rtol=1e-12)

@@ -7,7 +7,20 @@ import jax
 import numpy as np
 import pytest
 
-from jaxgrity import Gait, InputError, SolverOptions, Structure, parse_scene, scene_text, simulate_population
+from jaxgrity import (
+    ConeFriction,
+    ExactGround,
+    Gait,
+    InputError,
+    Scene,
+    SolverOptions,
+    Structure,
+    parse_scene,
+    scene_text,
+    simulate_population,
+)
+from jaxgrity.model import Balls, rigid_body
+from jaxgrity.model.joints import joined_bodies
 from jaxgrity.model.symmetry import gene_permutations, image, standing_symmetries, symmetries
 from jaxgrity.structures import prism_tower
 
@@ -189,3 +202,20 @@ def test_gene_permutations_are_those_of_images(reference, group):
     assert len(gene_permutations((0, 1), group)) == 2
     assert gene_permutations((6,), group) == ((0,),)
     assert gene_permutations((7, 2), standing) == ((0, 1),)
+
+
+def test_a_ball_at_a_joint_turns_with_one_body_alone():
+    """So two equal bodies that share it are not images of each other, if the ball has a radius and stands on ground."""
+    spread = np.array([[0.5, 0.05, 0], [0.3, 0.4, 0.1], [0.2, -0.1, 0.6]])
+    nodes = np.array([np.zeros(3), *spread, *(spread * [-1, -1, 1])]) + [0, 0, 0.1]
+    inertia, half_turn = np.diag([0.02, 0.03, 0.025]), np.array([-1.0, -1.0, 1.0])
+    centre, points = np.array([0.3, 0.1, 0.2]), ([0, 1, 2, 3], [0, 4, 5, 6])
+    bodies = joined_bodies(
+        points,
+        (),
+        lambda k, basic: rigid_body(nodes, points[k], 1.0, inertia, half_turn**k * centre + [0, 0, 0.1], basic=basic),
+    )
+    free = Scene(Structure(nodes, np.zeros(7), bodies=bodies), 9.81)
+    standing = dataclasses.replace(free, ground=ExactGround(balls=Balls((0,), [0.1])), friction=ConeFriction(0.9))
+    assert len(standing_symmetries(free)) == 2
+    assert len(standing_symmetries(standing)) == 1
