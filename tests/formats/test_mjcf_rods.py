@@ -119,7 +119,8 @@ AXLE = """<body pos="{x} 0 0"><joint type="hinge" axis="0 1 0"/>
 <geom type="capsule" size="0.05" fromto="0 -0.2 0 0 0.2 0" mass="1"/>
 <site name="{n}d" pos="0 -0.2 0"/><site name="{n}e" pos="0 0.2 0"/><site name="{n}f" pos="0.03 0 0"/></body>"""
 CART = f"""<mujoco><option cone="elliptic" timestep="0.0005"/>
-<default><geom friction="0.8 0 0" solref="0.004 1"/></default><worldbody><geom type="plane" size="9 9 .1" zaxis="0.2 0 1"/>
+<default><geom friction="0.8 0 0" solref="0.004 1"/></default><worldbody>
+<geom type="plane" size="9 9 .1" zaxis="0.2 0 1"/>
 <body pos="0.00981 0 0.04903" euler="0 11.3099325 0"><freejoint/>
 <geom type="box" contype="0" conaffinity="0" size="0.2 0.02 0.02" mass="1"/>
 <site name="a" pos="0.2 0 0.01"/><site name="b" pos="-0.2 0 0.01"/><site name="c" pos="0 0 0.02"/>
