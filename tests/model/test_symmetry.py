@@ -207,13 +207,14 @@ def test_gene_permutations_are_those_of_images(reference, group):
 def test_a_ball_at_a_joint_turns_with_one_body_alone():
     """So two equal bodies that share it are not images of each other, if the ball has a radius and stands on ground."""
     spread = np.array([[0.5, 0.05, 0], [0.3, 0.4, 0.1], [0.2, -0.1, 0.6]])
-    nodes = [*np.array([np.zeros(3), *spread, *(spread * [-1, -1, 1])]), 0, 0, 0.1]
+    up = np.array([0.0, 0.0, 0.1])
+    nodes = up + np.array([np.zeros(3), *spread, *(spread * [-1, -1, 1])])
     inertia, half_turn = np.diag([0.02, 0.03, 0.025]), np.array([-1.0, -1.0, 1.0])
     centre, points = np.array([0.3, 0.1, 0.2]), ([0, 1, 2, 3], [0, 4, 5, 6])
     bodies = joined_bodies(
         points,
         (),
-        lambda k, basic: rigid_body(nodes, points[k], 1.0, inertia, half_turn**k * centre + [0, 0, 0.1], basic=basic),
+        lambda k, basic: rigid_body(nodes, points[k], 1.0, inertia, half_turn**k * centre + up, basic=basic),
     )
     free = Scene(Structure(nodes, np.zeros(7), bodies=bodies), 9.81)
     standing = dataclasses.replace(free, ground=ExactGround(balls=Balls((0,), [0.1])), friction=ConeFriction(0.9))
