@@ -19,50 +19,50 @@ SPEED, HEADING = "speed", "heading"
 POINTS = 50
 """Points of a learning curve in the record, at least."""
 CASES = (
-    *(f"speed 200 {seed}" for seed in range(3)),
-    *(f"heading 1200 {seed}" for seed in range(3)),
+    *(f"speed 512 200 {seed}" for seed in range(3)),
+    *(f"speed 128 800 {seed}" for seed in range(3)),
+    *(f"heading 512 1200 {seed}" for seed in range(3)),
 )
-"""Task, updates and seed."""
+"""Task, robots side by side, updates and seed."""
 
 
-@measurement(page="environments.md", quick={"cases": ("heading 2 0",), "robots": 8, "episodes": 2}, drawn=("curve",))
+@measurement(page="environments.md", quick={"cases": ("heading 8 2 0",), "episodes": 2}, drawn=("curve",))
 def learning(
     cases: tuple[str, ...] = CASES,
-    robots: int = 512,
     episodes: int = 64,
     earlier: Path | None = None,
 ) -> Iterator[Record]:
     """A row for each policy.
 
     Args:
-        cases: task, number of updates, and seed of starts, network and tries
-        robots: side by side
+        cases: task, number of robots side by side, number of updates, and seed of starts, network and tries
         episodes: new ones, by which a policy is judged
         earlier: a record of the same settings, whose cases are not learned again
     """
-    known = {} if earlier is None else {case_of(row): row for row in json.loads(read_text(earlier))["rows"]}
-    config = LearningConfig(robots=robots)
-    for case, (task, updates, seed) in {case: numbers_of(case) for case in cases}.items():
-        yield known.get(case) or learned(task, updates, seed, config, episodes)
-    return {"robots": robots, "episodes": episodes, "periods": robots * config.decisions * config.held}
+    before = {"rows": []} if earlier is None else json.loads(read_text(earlier))
+    rows = [{"robots": before.get("robots")} | row for row in before["rows"]]  # older records had one number for all
+    known = {case_of(row): row for row in rows}
+    for case, (task, robots, updates, seed) in {case: numbers_of(case) for case in cases}.items():
+        yield known.get(case) or learned(task, updates, seed, LearningConfig(robots=robots), episodes)
+    return {"episodes": episodes, "periods": LearningConfig.decisions * LearningConfig.held}
 
 
 def case_of(row: Record) -> str:
     """The name of a row's case."""
-    return f"{row['task']} {row['updates']} {row['seed']}"
+    return f"{row['task']} {row['robots']} {row['updates']} {row['seed']}"
 
 
-def numbers_of(case: str) -> tuple[str, int, int]:
-    """Task, updates and seed. Raises `InputError` for what is no case."""
+def numbers_of(case: str) -> tuple[str, int, int, int]:
+    """Task, robots, updates and seed. Raises `InputError` for what is no case."""
     try:
         task, *numbers = case.split()
-        updates, seed = map(int, numbers)
+        robots, updates, seed = map(int, numbers)
         check_names("task", [task], (SPEED, HEADING))
-        if updates < 1 or seed < 0:
-            raise ValueError(f"{updates} updates, seed {seed}")
+        if robots < 1 or updates < 1 or seed < 0:
+            raise ValueError(f"{robots} robots, {updates} updates, seed {seed}")
     except ValueError as error:
         raise InputError(f"cases = {case!r}: {error}; expected such as {CASES[0]!r}") from error
-    return task, updates, seed
+    return task, robots, updates, seed
 
 
 def learned(task: str, updates: int, seed: int, config: LearningConfig, episodes: int) -> Record:
@@ -80,6 +80,7 @@ def learned(task: str, updates: int, seed: int, config: LearningConfig, episodes
     found = {name: trials(each, policy, jax.random.key(1000 + seed), episodes) for name, each in tests.items()}
     return {
         "task": task,
+        "robots": config.robots,
         "updates": updates,
         "seed": seed,
         "seconds": spent,
@@ -93,14 +94,14 @@ def learned(task: str, updates: int, seed: int, config: LearningConfig, episodes
 def words(record: Record) -> str:
     """What each policy reaches."""
     cells = {
-        "task, seed": "{task}, {seed}",
+        "task, robots, seed": "{task}, {robots}, {seed}",
         "progress, m/s": lambda row: with_error(row["progress"], row["error"], decimals=2),
         "steps of 5 ms, float64": "{finer:.2f}",
         "other contact model": "{other:.2f}",
         "bad sensors": "{erring:.2f}",
         "task `goal`": lambda row: f"{row['goal']:.2f}" if "goal" in row else "-",
         "control periods; wall time": lambda row: (
-            f"{row['updates'] * record['periods'] / 1e6:.0f} million; {row['seconds'] / 60:.1f} min"
+            f"{row['updates'] * row['robots'] * record['periods'] / 1e6:.0f} million; {row['seconds'] / 60:.1f} min"
         ),
     }
     return columns(record["rows"], cells)
@@ -113,10 +114,10 @@ def figure(record: Record, chart: Figure) -> None:
     panes = chart.subplots(1, len(tasks), sharey=True, squeeze=False)[0]
     for axes, task in zip(panes, tasks):
         rows = [row for row in record["rows"] if row["task"] == task]
-        for updates in dict.fromkeys(row["updates"] for row in rows):
-            curves = np.array([row["curve"] for row in rows if row["updates"] == updates])
-            at = np.linspace(0, updates, curves.shape[1], endpoint=False) * record["periods"] / 1e6
-            axes.plot(at, curves.mean(0), label=f"mean of {len(curves)} seeds")
+        for robots, updates in dict.fromkeys((row["robots"], row["updates"]) for row in rows):
+            curves = np.array([row["curve"] for row in rows if (row["robots"], row["updates"]) == (robots, updates)])
+            at = np.linspace(0, updates, curves.shape[1], endpoint=False) * robots * record["periods"] / 1e6
+            axes.plot(at, curves.mean(0), label=f"{robots} robots, mean of {len(curves)} seeds")
             axes.fill_between(at, curves.min(0), curves.max(0), alpha=0.25, label="from the worst to the best")
         axes.set(title=task, xlabel="control periods (millions)")
         axes.set_xlim(0, None)

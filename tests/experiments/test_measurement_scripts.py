@@ -121,7 +121,7 @@ def test_no_experiment_imports_what_is_not_public(path):
         ("design_study", ["--strut-force", "-1"], ["expected positive limits"]),
         ("hard_cases", ["--cases", "warp drive"], ["cases = 'warp drive': unknown", "drop from 10 m"]),
         ("hard_cases", ["--methods", "euler"], ["euler", "rk4, tsit5"]),
-        ("learning", ["--cases", "speed 1 0", "walk 2 0"], ["cases = 'walk 2 0'", "'speed 200 0'"]),
+        ("learning", ["--cases", "speed 8 1 0", "walk 8 2 0"], ["cases = 'walk 8 2 0'", "'speed 512 200 0'"]),
         ("learning", ["--cases", "heading 2"], ["cases = 'heading 2'"]),
         ("short_horizon", ["--cases", "exact PPO 8 0", "exact SAC 8 0"], ["'exact SAC 8 0'", "method = 'SAC'"]),
         ("keep_gait", ["--run", "missing", "--name", "mine"], ["missing/gait.json"]),
@@ -595,7 +595,7 @@ def test_learning_is_judged_where_a_policy_never_was(tmp_path):
     assert len(row["curve"]) == row["updates"] == 2
     again = quick("learning", tmp_path / "again", "--earlier", tmp_path / "learning.json")
     assert again["rows"] == facts["rows"]
-    assert "| heading, 0 | " in words("learning", facts)
+    assert "| heading, 8, 0 | " in words("learning", facts)
 
 
 @pytest.mark.campaign
