@@ -28,7 +28,7 @@ BLOCKS = {
     "docs/accuracy.md": 14,
     "docs/terrain.md": 2,
     "docs/performance.md": 6,
-    "docs/scaling.md": 5,
+    "docs/scaling.md": 6,
     "docs/identification.md": 4,
     "docs/search_records.md": 7,
     "docs/validation.md": 4,
