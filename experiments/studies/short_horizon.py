@@ -141,14 +141,16 @@ def words(record: Record) -> str:
 @short_horizon.figure(4.2)
 def figure(record: Record, chart: Figure) -> None:
     """Progress of the policies that are tried, against processor time, for each contact model."""
+    name = lambda row: f"{row['method']}, {row['robots']} robots, seed {row['seed']}"  # noqa: E731
     contacts = list(dict.fromkeys(row["contact"] for row in record["rows"]))
+    looks = {each: (plot.MARKERS[k], f"C{k}") for k, each in enumerate(dict.fromkeys(map(name, record["rows"])))}
+    lines = {}
     for axes, contact in zip(np.ravel(chart.subplots(1, len(contacts), sharey=True, squeeze=False)), contacts):
-        mine = (row for row in record["rows"] if row["contact"] == contact)
-        for row, marker in zip(mine, plot.MARKERS):
-            time, progress = np.array(row["curve"]).T
-            look = {"marker": marker, "markevery": 0.1, "markersize": 5}
-            axes.plot(time, progress, **look, label=f"{row['method']}, {row['robots']} robots, seed {row['seed']}")
+        for row in (row for row in record["rows"] if row["contact"] == contact):
+            (marker, colour), (time, progress) = looks[name(row)], np.array(row["curve"]).T
+            look = {"marker": marker, "markevery": 0.1, "markersize": 5, "color": colour}
+            lines.setdefault(name(row), axes.plot(time, progress, **look, label=name(row))[0])
         axes.set(title=f"{contact} contact", xlabel="processor time (s)")
         axes.set_xlim(0, None)
-        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.08), ncols=2)
+    chart.legend(handles=list(lines.values()), loc="outside upper center", ncols=2)
     chart.axes[0].set_ylabel("progress with exploration (m/s)")

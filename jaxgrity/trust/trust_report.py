@@ -24,7 +24,8 @@ from jaxgrity.trust.error_bars import refinement_bar, timing_bar
 from jaxgrity.trust.sensitivity import Sensitivity, last_within, sensitivity
 
 STATE_ERROR = 0.01
-"""Uncertainty of each phase, rad; without a gait, of the initial velocities, m/s for a body of one metre."""
+"""Uncertainty of all phases together (root of the sum of squares), rad; without a gait, of the initial velocities, m/s
+for a body of one metre."""
 PREDICTABLE = 0.01
 """Largest error of the centre of mass that counts as predicted, m for a body of one metre."""
 
