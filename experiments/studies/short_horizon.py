@@ -131,7 +131,7 @@ def words(record: Record) -> str:
         "progress, m/s": lambda row: with_error(row["progress"], row["error"], decimals=2),
         "updates": "{updates}",
         "control periods": lambda row: f"{row['periods'] / 1e6:.2f} million",
-        "gradient, median and largest": lambda row: (
+        "norm of gradients, m/s: median, largest": lambda row: (
             "-" if row["norms"] is None else " and ".join(f"{x:.2g}" for x in row["norms"])
         ),
     }
