@@ -90,6 +90,8 @@ class Environment:
     """factor of the mean square rate of the contractions, 1/s^2, in the reward, m/s"""
     episode: int
     """control periods, after which an episode is over where no wrapper counts them"""
+    scene: Scene
+    """the robot on the task's ground as given, before it is rounded to the precision of the plant"""
 
     @property
     def action_size(self) -> int:
@@ -236,4 +238,4 @@ def environment(
     placed = ground_of(asked, scene, seed=0)
     check_start(with_gait(placed, None))
     plant = plant_of(placed, scene.gait.members, sensors=sensors, motors=motors, options=options)
-    return Environment(plant, asked, effort_cost, whole_number("seconds", seconds, plant.period))
+    return Environment(plant, asked, effort_cost, whole_number("seconds", seconds, plant.period), placed)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from jaxgrity.control.canonical import CanonicalPose
 from jaxgrity.control.closed_loop import frame, trajectory_of
 from jaxgrity.control.environments import ENDS, Environment, sensed
 from jaxgrity.control.policies import Memory, Policy
@@ -35,7 +36,7 @@ Acting = Callable[[AnyArray], AnyArray]
 class Learned(eqx.Module):
     """A policy: action = tanh(network((observation - mean)/deviation)), held for some control periods.
 
-    `Deployed` makes it the controller of a plant.
+    The observation is that of the robot in its canonical `pose`, if the policy has one. `Deployed` makes it the controller of a plant.
     """
 
     network: eqx.nn.MLP
@@ -45,10 +46,21 @@ class Learned(eqx.Module):
     """(observation_size,), their standard deviations; 0: never another number"""
     held: int = eqx.field(static=True)
     """number of control periods for which an action is held"""
+    pose: CanonicalPose | None = None
+    """in which the network sees the robot; None: it sees each observation as it is"""
 
     def __call__(self, observation: AnyArray) -> AnyArray:
         """The action, (action_size,), each from -1 to 1."""
-        return jnp.tanh(self.network(standardised(self, observation)))
+        seen, which = self.seen(observation)
+        return self.placed(jnp.tanh(self.network(standardised(self, seen))), which)
+
+    def seen(self, observation: AnyArray) -> tuple[AnyArray, AnyArray | None]:
+        """What the network sees before it is standardised, and by which symmetry: see `CanonicalPose.seen`."""
+        return (observation, None) if self.pose is None else self.pose.seen(observation)
+
+    def placed(self, action: AnyArray, which: AnyArray | None) -> AnyArray:
+        """The network's action, given to the motors that it is for: see `CanonicalPose.placed`."""
+        return action if self.pose is None or which is None else self.pose.placed(action, which)
 
 
 def standardised(policy: Learned, observation: AnyArray) -> jax.Array:
@@ -59,13 +71,15 @@ def standardised(policy: Learned, observation: AnyArray) -> jax.Array:
     return seen.astype(policy.mean.dtype)
 
 
-def untrained(environment: Environment, key: Any, width: int, depth: int, held: int) -> Learned:
+def untrained(
+    environment: Environment, key: Any, width: int, depth: int, held: int, pose: CanonicalPose | None = None
+) -> Learned:
     """A policy that knows nothing yet, in float32; its actions are near 0."""
     size = environment.observation_size
     network = eqx.nn.MLP(size, environment.action_size, width, depth, jax.nn.tanh, dtype=jnp.float32, key=key)
     last = lambda net: net.layers[-1].weight  # noqa: E731
     network = eqx.tree_at(last, network, 0.01 * last(network))
-    return Learned(network, jnp.zeros(size, jnp.float32), jnp.ones(size, jnp.float32), held)
+    return Learned(network, jnp.zeros(size, jnp.float32), jnp.ones(size, jnp.float32), held, pose)
 
 
 @typed
@@ -74,8 +88,10 @@ def save_policy(policy: Learned, path: str | Path) -> None:
     network = policy.network
     sizes = {name: getattr(network, name) for name in ("in_size", "out_size", "width_size", "depth")}
 
+    pose = {} if policy.pose is None else {"pose": policy.pose.shape}
+
     def write(file) -> None:
-        file.write((json.dumps(sizes | {"held": policy.held}) + "\n").encode())
+        file.write((json.dumps(sizes | {"held": policy.held} | pose) + "\n").encode())
         eqx.tree_serialise_leaves(file, policy)
 
     write_whole(path, write)
@@ -102,10 +118,11 @@ def load_policy(name: str | Path) -> Learned:
     try:
         with open(path, "rb") as file:
             head = json.loads(file.readline())
-            held, sizes = head.pop("held"), head
+            held, pose, sizes = head.pop("held"), head.pop("pose", None), head
             network = eqx.nn.MLP(**sizes, activation=jax.nn.tanh, dtype=jnp.float32, key=jax.random.key(0))
             nothing = jnp.zeros(sizes["in_size"], jnp.float32)
-            return eqx.tree_deserialise_leaves(file, Learned(network, nothing, nothing, held))
+            empty = None if pose is None else CanonicalPose.empty(**pose)
+            return eqx.tree_deserialise_leaves(file, Learned(network, nothing, nothing, held, empty))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     except (ValueError, KeyError, TypeError, EOFError, RuntimeError) as error:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jaxgrity.control.canonical import canonical_pose
 from jaxgrity.control.environments import Environment
 from jaxgrity.control.learned import standardised, untrained
 from jaxgrity.control.ppo import (
@@ -44,7 +45,8 @@ def learner(environment: Environment, key: Any, config: LearningConfig = AS_MEAS
     if jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         key = jax.random.key_data(key)  # which files take
     of_policy, of_critic, of_states, of_ages, key = jax.random.split(key, 5)
-    policy = untrained(environment, of_policy, config.width, config.depth, config.held)
+    pose = canonical_pose(environment) if config.symmetric else None
+    policy = untrained(environment, of_policy, config.width, config.depth, config.held, pose)
     size = environment.observation_size
     critic = eqx.nn.MLP(size, "scalar", config.width, config.depth, jax.nn.tanh, dtype=jnp.float32, key=of_critic)
     spread = jnp.full(environment.action_size, np.log(0.6), jnp.float32)
@@ -149,14 +151,17 @@ def _tries(environment: Environment, config: LearningConfig, now: Learner, key: 
 
     def decide(carry, key):
         states, ages = carry
-        middle = jax.vmap(lambda seen: now.policy.network(standardised(now.policy, seen)))(states.obs)
+        seen, which = jax.vmap(now.policy.seen)(states.obs)
+        middle = jax.vmap(lambda seen: now.policy.network(standardised(now.policy, seen)))(seen)
         action = middle + jnp.exp(now.spread) * jax.random.normal(key, middle.shape, middle.dtype)
-        hold = lambda states, _: (lambda s: (s, s.reward))(jax.vmap(environment.step)(states, jnp.tanh(action)))  # noqa: E731
+        commanded = jax.vmap(now.policy.placed)(jnp.tanh(action), which)
+        hold = lambda states, _: (lambda s: (s, s.reward))(jax.vmap(environment.step)(states, commanded))  # noqa: E731
         after, rewards = jax.lax.scan(hold, states, length=config.held)
         ended = after.done > 0
         over = ended | (ages + 1 >= _longest(environment, config))
         likely = likelihood(middle, now.spread, action)
-        told = Tried(states.obs, action, likely, rewards.mean(0).astype(jnp.float32), after.obs, ended, over)
+        later, _ = jax.vmap(now.policy.seen)(after.obs)
+        told = Tried(seen, action, likely, rewards.mean(0).astype(jnp.float32), later, ended, over)
         return (rows_where(over, fresh, after), jnp.where(over, 0, ages + 1)), told
 
     (states, ages), tried = jax.lax.scan(

@@ -54,6 +54,8 @@ class LearningConfig:
     """of hidden layers"""
     depth: int = 2
     """number of hidden layers"""
+    symmetric: bool = True
+    """whether policies do the same in all poses that the robot's symmetries, and turns about the vertical, make alike"""
 
     def __post_init__(self):
         for name in ("robots", "held", "decisions", "epochs", "batches", "width"):
@@ -86,7 +88,7 @@ class Learner(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """One decision of all robots."""
+    """One decision of all robots, with observations and actions in the policy's canonical pose."""
 
     seen: AnyArray
     action: AnyArray
