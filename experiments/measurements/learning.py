@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from measurements.measurement import Figure, Record, check_names, measurement
 from measurements.pages import columns
-from measurements.unseen import unseen
+from measurements.unseen import BAD, unseen
 
 from jaxgrity import InputError, SolverOptions, load_scene, with_error
 from jaxgrity.control import LearningConfig, environment, learn, learner, trials
@@ -19,11 +19,13 @@ SPEED, HEADING = "speed", "heading"
 POINTS = 50
 """Points of a learning curve in the record, at least."""
 CASES = (
-    *(f"speed 512 200 {seed}" for seed in range(3)),
-    *(f"speed 128 800 {seed}" for seed in range(3)),
-    *(f"heading 512 1200 {seed}" for seed in range(3)),
+    *(f"speed 128 300 {seed}" for seed in range(3)),
+    *(f"heading 128 300 {seed}" for seed in range(3)),
+    *(f"speed 128 800 {seed} plain" for seed in range(3)),
+    *(f"heading 512 1200 {seed} plain" for seed in range(3)),
 )
-"""Task, robots side by side, updates and seed."""
+"""Task, robots side by side, updates, seed, and whether the policy is plain: without the robot's symmetries."""
+PLAIN = "plain"
 
 
 @measurement(page="environments.md", quick={"cases": ("heading 8 2 0",), "episodes": 2}, drawn=("curve",))
@@ -35,34 +37,37 @@ def learning(
     """A row for each policy.
 
     Args:
-        cases: task, number of robots side by side, number of updates, and seed of starts, network and tries
+        cases: task, number of robots side by side, number of updates, seed of starts, network and tries, and "plain"
+            for a policy that does not know the robot's symmetries
         episodes: new ones, by which a policy is judged
         earlier: a record of the same settings, whose cases are not learned again
     """
     before = {"rows": []} if earlier is None else json.loads(read_text(earlier))
-    rows = [{"robots": before.get("robots")} | row for row in before["rows"]]  # older records had one number for all
-    known = {case_of(row): row for row in rows}
-    for case, (task, robots, updates, seed) in {case: numbers_of(case) for case in cases}.items():
-        yield known.get(case) or learned(task, updates, seed, LearningConfig(robots=robots), episodes)
+    known = {case_of(row): row for row in before["rows"]}
+    for case, (task, robots, updates, seed, plain) in {case: numbers_of(case) for case in cases}.items():
+        config = LearningConfig(robots=robots, symmetric=not plain)
+        yield known.get(case) or learned(task, updates, seed, config, episodes)
     return {"episodes": episodes, "periods": LearningConfig.decisions * LearningConfig.held}
 
 
 def case_of(row: Record) -> str:
     """The name of a row's case."""
-    return f"{row['task']} {row['robots']} {row['updates']} {row['seed']}"
+    plain = "" if row.get("symmetric") else f" {PLAIN}"  # older policies all were
+    return f"{row['task']} {row['robots']} {row['updates']} {row['seed']}{plain}"
 
 
-def numbers_of(case: str) -> tuple[str, int, int, int]:
-    """Task, robots, updates and seed. Raises `InputError` for what is no case."""
+def numbers_of(case: str) -> tuple[str, int, int, int, bool]:
+    """Task, robots, updates, seed and whether it is plain. Raises `InputError` for what is no case."""
     try:
         task, *numbers = case.split()
-        robots, updates, seed = map(int, numbers)
+        plain = numbers[3:] == [PLAIN]
+        robots, updates, seed = map(int, numbers[: 3 if plain else None])
         check_names("task", [task], (SPEED, HEADING))
         if robots < 1 or updates < 1 or seed < 0:
             raise ValueError(f"{robots} robots, {updates} updates, seed {seed}")
     except ValueError as error:
         raise InputError(f"cases = {case!r}: {error}; expected such as {CASES[0]!r}") from error
-    return task, robots, updates, seed
+    return task, robots, updates, seed, plain
 
 
 def learned(task: str, updates: int, seed: int, config: LearningConfig, episodes: int) -> Record:
@@ -76,13 +81,14 @@ def learned(task: str, updates: int, seed: int, config: LearningConfig, episodes
     spent = time.perf_counter() - began
     tests = {"progress": env} | unseen(task, scene)
     if task == HEADING:  # whose observations are those of the task `goal`
-        tests["goal"] = environment("goal", scene)
+        tests |= {"goal": environment("goal", scene), "erring_goal": environment("goal", scene, sensors=BAD)}
     found = {name: trials(each, policy, jax.random.key(1000 + seed), episodes) for name, each in tests.items()}
     return {
         "task": task,
         "robots": config.robots,
         "updates": updates,
         "seed": seed,
+        "symmetric": config.symmetric,
         "seconds": spent,
         **{name: float(each.mean()) for name, each in found.items()},
         "error": 2 * float(found["progress"].std(ddof=1)) / episodes**0.5,
@@ -94,12 +100,16 @@ def learned(task: str, updates: int, seed: int, config: LearningConfig, episodes
 def words(record: Record) -> str:
     """What each policy reaches."""
     cells = {
-        "task, robots, seed": "{task}, {robots}, {seed}",
+        "task, robots, seed": lambda row: (
+            f"{row['task']}, {row['robots']}, {row['seed']}{'' if row.get('symmetric') else ', without symmetry'}"
+        ),
         "progress, m/s": lambda row: with_error(row["progress"], row["error"], decimals=2),
         "steps of 5 ms, float64": "{finer:.2f}",
         "other contact model": "{other:.2f}",
         "bad sensors": "{erring:.2f}",
-        "task `goal`": lambda row: f"{row['goal']:.2f}" if "goal" in row else "-",
+        "task `goal`; bad sensors": lambda row: (
+            "; ".join(f"{row[name]:.2f}" for name in ("goal", "erring_goal") if name in row) or "-"
+        ),
         "control periods; wall time": lambda row: (
             f"{row['updates'] * row['robots'] * record['periods'] / 1e6:.0f} million; {row['seconds'] / 60:.1f} min"
         ),
@@ -114,12 +124,14 @@ def figure(record: Record, chart: Figure) -> None:
     panes = chart.subplots(1, len(tasks), sharey=True, squeeze=False)[0]
     for axes, task in zip(panes, tasks):
         rows = [row for row in record["rows"] if row["task"] == task]
-        for robots, updates in dict.fromkeys((row["robots"], row["updates"]) for row in rows):
-            curves = np.array([row["curve"] for row in rows if (row["robots"], row["updates"]) == (robots, updates)])
-            at = np.linspace(0, updates, curves.shape[1], endpoint=False) * robots * record["periods"] / 1e6
-            axes.plot(at, curves.mean(0), label=f"{robots} robots, mean of {len(curves)} seeds")
-            axes.fill_between(at, curves.min(0), curves.max(0), alpha=0.25, label="from the worst to the best")
-        axes.set(title=task, xlabel="control periods (millions)")
-        axes.set_xlim(0, None)
+        of = lambda row: (row["robots"], row["updates"], bool(row.get("symmetric")))  # noqa: E731
+        for colour, kind in enumerate(dict.fromkeys(map(of, rows))):
+            robots, updates, symmetric = kind
+            curves = np.array([row["curve"] for row in rows if of(row) == kind])
+            at = (np.arange(curves.shape[1]) + 1) * updates / curves.shape[1] * robots * record["periods"] / 1e6
+            name = f"{'with' if symmetric else 'without'} symmetry, mean of {len(curves)} seeds"
+            axes.plot(at, curves.mean(0), "-" if symmetric else "--", color=f"C{colour}", label=name)
+            axes.fill_between(at, curves.min(0), curves.max(0), color=f"C{colour}", alpha=0.25, label="all seeds")
+        axes.set(title=task, xlabel="control periods (millions)", xscale="log")
     panes[0].set_ylabel("progress with exploration (m/s)")
     chart.legend(*panes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)

@@ -21,11 +21,13 @@ from jaxgrity.io.files import read_text
 from jaxgrity.report import plot
 
 PPO, SHAC = "PPO", "short-horizon"
+SYMMETRIC = "symmetric"
 CONTACTS = {"exact": 0.01, "penalty": 0.001}
 """Time step for each contact model, s. Penalty contact is unstable at 1.4 ms."""
 CASES = (
     *("exact PPO 128 0", "exact PPO 128 1", "exact short-horizon 64 0", "exact short-horizon 64 1"),
     *("penalty PPO 128 0", "penalty short-horizon 64 0"),
+    *("exact PPO 128 0 symmetric", "exact short-horizon 64 0 symmetric"),
 )
 """Some minutes of processor time in all."""
 POINTS = 50
@@ -46,7 +48,8 @@ def short_horizon(
     """A row for each case.
 
     Args:
-        cases: contact model, method, number of robots side by side, and seed
+        cases: contact model, method, number of robots side by side, seed, and "symmetric" for a policy that knows the
+            robot's symmetries
         seconds: of processor time for each policy, without compilation
         horizon: decisions of a short rollout, of four control periods each
         episodes: new ones, by which a policy is judged
@@ -60,16 +63,19 @@ def short_horizon(
 
 def case_of(row: Record) -> str:
     """The name of a row's case."""
-    return " ".join(str(row[name]) for name in ("contact", "method", "robots", "seed"))
+    symmetric = [SYMMETRIC] if row.get(SYMMETRIC) else []  # older rows have none
+    return " ".join([*(str(row[name]) for name in ("contact", "method", "robots", "seed")), *symmetric])
 
 
 def parts_of(case: str, horizon: int) -> tuple[str, str, LearningConfig, int]:
     """Contact model, method, settings and seed. Raises `InputError` for what is no case."""
     try:
-        contact, method, robots, seed = case.split()
+        contact, method, robots, seed, *known = case.split()
+        check_names("knowing", known, (SYMMETRIC,))
         check_names("contact", [contact], CONTACTS)
         check_names("method", [method], (PPO, SHAC))
-        config = LearningConfig(robots=int(robots), **({"decisions": horizon} if method == SHAC else {}))
+        settings = {"robots": int(robots), "symmetric": bool(known)}
+        config = LearningConfig(**settings | ({"decisions": horizon} if method == SHAC else {}))
         return contact, method, config, int(seed)
     except ValueError as error:
         raise InputError(f"cases = {case!r}: {error}; expected such as {CASES[0]!r}") from error
@@ -88,6 +94,7 @@ def measured_case(
         "method": method,
         "robots": config.robots,
         "seed": seed,
+        SYMMETRIC: config.symmetric,
         "periods": len(curve) * config.robots * config.decisions * config.held,
         "updates": len(curve),
         "progress": float(found.mean()),
@@ -125,8 +132,12 @@ def learned(
 @short_horizon.table
 def words(record: Record) -> str:
     """What each method reaches; whatever is the same in all rows is left out."""
-    told = {"contact": "{contact}", "method": "{method}, {robots} robots", "seed": "{seed}"}
-    cells = {name: cell for name, cell in told.items() if len({cell.format(**row) for row in record["rows"]}) > 1}
+    told = {
+        "contact": lambda row: row["contact"],
+        "method": called,
+        "seed": lambda row: row["seed"],
+    }
+    cells = {name: cell for name, cell in told.items() if len({cell(row) for row in record["rows"]}) > 1}
     cells |= {
         "progress, m/s": lambda row: with_error(row["progress"], row["error"], decimals=2),
         "updates": "{updates}",
@@ -138,10 +149,15 @@ def words(record: Record) -> str:
     return columns(record["rows"], cells)
 
 
+def called(row: Record) -> str:
+    """The method of a row, in words."""
+    return f"{row['method']}, {row['robots']} robots{', symmetric' if row.get(SYMMETRIC) else ''}"
+
+
 @short_horizon.figure(4.2)
 def figure(record: Record, chart: Figure) -> None:
     """Progress of the policies that are tried, against processor time, for each contact model."""
-    name = lambda row: f"{row['method']}, {row['robots']} robots, seed {row['seed']}"  # noqa: E731
+    name = lambda row: f"{called(row)}, seed {row['seed']}"  # noqa: E731
     contacts = list(dict.fromkeys(row["contact"] for row in record["rows"]))
     looks = {each: (plot.MARKERS[k], f"C{k}") for k, each in enumerate(dict.fromkeys(map(name, record["rows"])))}
     lines = {}

@@ -2,7 +2,7 @@
 
 Xu et al. 2022, arXiv:2204.07137: the policy climbs the reward of a short rollout and the critic's value of its end, by
 reverse mode through every control period. The critic alone sees the averaged velocity, from which the task `speed`
-makes its reward. Three things differ from the paper. Commands stay within the reach of the motors, the gradient by each
+makes its reward (only its size, where the policy sees the robot in a canonical pose). Three things differ from the paper. Commands stay within the reach of the motors, the gradient by each
 decision of each robot is cut to the median norm, and entropy keeps the policy trying.
 """
 
@@ -50,11 +50,12 @@ class Reaching(eqx.Module):
 
     def __call__(self, observation: Any) -> Any:
         """The action, (action_size,)."""
-        return self.action(observation, self.policy.network(standardised(self.policy, observation)))
+        seen, which = self.policy.seen(observation)
+        return self.policy.placed(self.action(seen, self.policy.network(standardised(self.policy, seen))), which)
 
-    def action(self, observation: Any, output: Any) -> Any:
-        """That of the network's output; an observation ends with the present contractions."""
-        now, half = observation[..., -len(self.reach) :], jnp.asarray(self.stroke / 2, output.dtype)
+    def action(self, seen: Any, output: Any) -> Any:
+        """That of the network's output, in the policy's pose; what it sees ends with the present contractions."""
+        now, half = seen[..., -len(self.reach) :], jnp.asarray(self.stroke / 2, output.dtype)
         change = jnp.asarray(self.reach, output.dtype) * jnp.tanh((half * (1 + jnp.tanh(output)) - now) / half)
         return (now + change) / half - 1
 
@@ -117,9 +118,13 @@ def wide(policy: Learned) -> Learned:
     return eqx.tree_at(lambda p: (p.mean, p.deviation), policy, (mean, deviation))
 
 
-def of_critic(states: Any) -> jax.Array:
-    """What the critic sees of states."""
-    return jnp.concatenate([states.obs, states.pipeline_state.average], -1)
+def of_critic(policy: Learned, seen: jax.Array, states: Any) -> jax.Array:
+    """What the critic sees of states: what the policy does, and the averaged velocity."""
+    average = states.pipeline_state.average
+    if policy.pose is not None:
+        speed = jnp.sqrt(jnp.sum(average**2, -1) + TINY)
+        average = jnp.stack([speed, jnp.zeros_like(speed)], -1)
+    return jnp.concatenate([seen, average], -1)
 
 
 def improved(env: Environment, config: LearningConfig, now: Learner) -> tuple[Learner, dict]:
@@ -169,31 +174,35 @@ def rolled(nudges: jax.Array, env: Environment, config: LearningConfig, now: Lea
     of_starts, of_decisions = jax.random.split(key)
     fresh = jax.vmap(env.reset)(jax.random.split(of_starts, len(now.ages)))
     fresh = fresh.replace(info=fresh.info | {"steps": jnp.zeros(len(now.ages))})  # which leaves the time to us
-    critic = jax.vmap(lambda states: now.critic(standardised(wide(now.policy), of_critic(states))))
+    critic = jax.vmap(lambda seen: now.critic(standardised(wide(now.policy), seen)))
+    told_of = lambda states: of_critic(now.policy, jax.vmap(now.policy.seen)(states.obs)[0], states)  # noqa: E731
     step, policy = jax.checkpoint(jax.vmap(env.step)), reaching(env, now.policy)
 
     def decide(carry, at):
         (states, ages, share), (key, nudge) = carry, at
-        middle = jax.vmap(lambda seen: now.policy.network(standardised(now.policy, seen)))(states.obs)
+        seen, which = jax.vmap(now.policy.seen)(states.obs)
+        middle = jax.vmap(lambda seen: now.policy.network(standardised(now.policy, seen)))(seen)
         noise = jax.random.normal(key, middle.shape, middle.dtype)
-        action = policy.action(states.obs, middle + jnp.exp(now.spread) * noise + nudge)
+        action = policy.action(seen, middle + jnp.exp(now.spread) * noise + nudge)
+        action = jax.vmap(now.policy.placed)(action, which)
         hold = lambda states, _: (lambda s: (s, s.reward))(step(states, action))  # noqa: E731
         after, rewards = jax.lax.scan(hold, states, length=config.held)
         ended, reward = after.done > 0, rewards.mean(0)
         over = ended | (ages + 1 >= env.episode // config.held)
         gained = share * (1 - config.discount) * reward
         share = share * config.discount
-        gained += jnp.where(over & ~ended, share * critic(after), 0)
-        told = Tried(of_critic(states), noise, share, reward, of_critic(after), ended, over)
+        later = told_of(after)
+        gained += jnp.where(over & ~ended, share * critic(later), 0)
+        told = Tried(of_critic(now.policy, seen, states), noise, share, reward, later, ended, over)
         anew = lambda new, old: jnp.where(over.reshape(-1, *[1] * (old.ndim - 1)), new, old)  # noqa: E731
         ages, share = jnp.where(over, 0, ages + 1), jnp.where(over, 1.0, share)
-        return (jax.tree.map(anew, fresh, after), ages, share), (gained.sum(), states.obs, told)
+        return (jax.tree.map(anew, fresh, after), ages, share), (gained.sum(), seen, told)
 
     first = now.states, now.ages, jnp.ones(len(now.ages), jnp.float32)
     (states, ages, share), (gained, *known) = jax.lax.scan(
         decide, first, (jax.random.split(of_decisions, config.decisions), nudges)
     )
-    return -gained.sum() - (share * critic(states)).sum(), (states, ages, *jax.lax.stop_gradient(known))
+    return -gained.sum() - (share * critic(told_of(states))).sum(), (states, ages, *jax.lax.stop_gradient(known))
 
 
 def fitted(now: Learner, seen: Any, targets: Any, moments: Any) -> tuple[eqx.nn.MLP, Any]:
