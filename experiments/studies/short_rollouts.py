@@ -2,8 +2,9 @@
 
 Xu et al. 2022, arXiv:2204.07137: the policy climbs the reward of a short rollout and the critic's value of its end, by
 reverse mode through every control period. The critic alone sees the averaged velocity, from which the task `speed`
-makes its reward (only its size, where the policy sees the robot in a canonical pose). Three things differ from the paper. Commands stay within the reach of the motors, the gradient by each
-decision of each robot is cut to the median norm, and entropy keeps the policy trying.
+makes its reward (only its size, where the policy sees the robot in a canonical pose). Three things differ from the
+paper. Commands stay within the reach of the motors, the gradient by each decision of each robot is cut to the median
+norm, and entropy keeps the policy trying.
 """
 
 from collections.abc import Callable

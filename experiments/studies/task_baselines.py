@@ -4,7 +4,7 @@ The trained policy is feedback with steering, whose eleven numbers CMA-ES of evo
 task: gains, gains of swings, factors of amplitude and frequency, and the bend towards the direction that is wanted. It
 is compared on episodes on which it was not trained. What is told is the progress v·d of the reward; training counts
 effort too. The policies of the library join: the one of `speed`, and the one of `heading` in every task with a
-direction.
+direction. So do two for these tasks by gradients through the motion (SHAC: see `short_horizon.py`).
 """
 
 import json
@@ -20,11 +20,13 @@ import numpy as np
 from measurements.measurement import Figure, Record, check_names, measurement
 from measurements.pages import table
 from studies.lasting_baselines import built
+from studies.short_horizon import SHAC, learned
 
 from jaxgrity import SolverOptions, as_dtype, load_gait, load_scene
 from jaxgrity.control import (
     TASKS,
     Environment,
+    LearningConfig,
     PhaseLocked,
     Sampling,
     Steered,
@@ -45,7 +47,9 @@ FAR = 1000.0
 SCALE = np.array([0.15] * 4 + [0.1] * 4 + [0.1, 0.1, 0.15])
 """of the numbers that are trained, about how far each may move at first"""
 OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE = "open loop", "feedback", "sure-footed", "trained", "predictive"
-LEARNED = "PPO"
+LEARNED, CLIMBED = "PPO", "SHAC"
+CLIMBING = LearningConfig(robots=64, decisions=16, symmetric=False)
+"""As in `short_horizon.py`, with the settings that were best there."""
 WRITTEN = {FEEDBACK: "plain feedback", SURE: "`sure_footed`"}
 """Names of controllers in the table."""
 
@@ -63,7 +67,10 @@ class Training(NamedTuple):
 
 @measurement(
     page="environments.md",
-    quick={"tasks": ("heading",), "generations": 1, "candidates": 6, "episodes": 2, "led": 0, "seconds": 1.0},
+    quick={
+        **{"tasks": ("heading",), "generations": 1, "candidates": 6, "episodes": 2, "led": 0, "seconds": 1.0},
+        "climbing": 0.0,
+    },
 )
 def task_baselines(
     tasks: tuple[str, ...] = tuple(TASKS),
@@ -72,6 +79,7 @@ def task_baselines(
     episodes: int = 16,
     led: int = 16,
     seconds: float = 10.0,
+    climbing: float = 60.0,
     earlier: Path | None = None,
 ) -> Iterator[Record]:
     """A row for each task: what each controller reaches.
@@ -83,20 +91,37 @@ def task_baselines(
         episodes: of each candidate in each generation, and of each controller in the end, on others
         led: episodes of the predictive controller
         seconds: s, of an episode
-        earlier: record of a run with the same settings: only the policies of the library are tried anew
+        climbing: s, processor time of each policy by gradients through the motion; 0: none
+        earlier: record of a run with the same settings: only learned policies are tried anew
     """
     check_names("tasks", tasks, TASKS)
     training = Training(generations, candidates, episodes, seed=0)
     rows = {} if earlier is None else {row["task"]: row for row in json.loads(read_text(earlier))["rows"]}
     check_names("tasks", tasks, TASKS if earlier is None else rows)
     strategy = built(candidates, len(SCALE), 1.0) if earlier is None else None
+    policies: dict[str, dict[str, Any]] = {}
     for task in tasks:
-        options = SolverOptions(dt=0.01, dtype="float32")
-        env = environment(task, load_scene("exact"), options=options, seconds=seconds)
+        env = of_task(task, seconds)
         row = rows.get(task) or compared(env, strategy, training, led) | {"task": task}
-        policy = load_policy("heading" if env.task.towards != "anywhere" else "speed")
-        of_policy = told({LEARNED: trials(env, policy, key_of(training, TESTED), episodes)})
-        yield row | {name: row[name] | of_policy[name] for name in of_policy}
+        learned_for = "heading" if env.task.towards != "anywhere" else "speed"
+        if learned_for not in policies:
+            policies[learned_for] = learned_policies(learned_for, seconds, climbing)
+        own = policies[learned_for].items()
+        found = told({name: trials(env, each, key_of(training, TESTED), episodes) for name, each in own})
+        yield row | {name: row[name] | found[name] for name in found}
+
+
+def of_task(task: str, seconds: float) -> Environment:
+    """The environment of a task, as for learning."""
+    return environment(task, load_scene("exact"), options=SolverOptions(dt=0.01, dtype="float32"), seconds=seconds)
+
+
+def learned_policies(task: str, seconds: float, climbing: float) -> dict[str, Any]:
+    """The library's policy for a task, and one by gradients through the motion."""
+    found = {LEARNED: load_policy(task)}
+    if climbing:
+        found[CLIMBED] = learned(SHAC, of_task(task, seconds), CLIMBING, 0, climbing)[0]
+    return found
 
 
 def compared(env: Environment, strategy, training: Training, led: int) -> Record:

@@ -36,7 +36,8 @@ Acting = Callable[[AnyArray], AnyArray]
 class Learned(eqx.Module):
     """A policy: action = tanh(network((observation - mean)/deviation)), held for some control periods.
 
-    The observation is that of the robot in its canonical `pose`, if the policy has one. `Deployed` makes it the controller of a plant.
+    The observation is that of the robot in its canonical `pose`, if the policy has one. `Deployed` makes it the
+    controller of a plant.
     """
 
     network: eqx.nn.MLP

@@ -55,7 +55,7 @@ class LearningConfig:
     depth: int = 2
     """number of hidden layers"""
     symmetric: bool = True
-    """whether policies do the same in all poses that the robot's symmetries, and turns about the vertical, make alike"""
+    """whether policies use the robot's symmetries: see `canonical.py`"""
 
     def __post_init__(self):
         for name in ("robots", "held", "decisions", "epochs", "batches", "width"):
