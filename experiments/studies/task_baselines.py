@@ -50,6 +50,8 @@ OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE = "open loop", "feedback", "sure-foote
 LEARNED, CLIMBED = "PPO", "SHAC"
 CLIMBING = LearningConfig(robots=64, decisions=16, symmetric=False)
 """As in `short_horizon.py`, with the settings that were best there."""
+CLIMBING_TIME = 60.0
+"""Processor time of each of these policies, s."""
 WRITTEN = {FEEDBACK: "plain feedback", SURE: "`sure_footed`"}
 """Names of controllers in the table."""
 
@@ -68,8 +70,7 @@ class Training(NamedTuple):
 @measurement(
     page="environments.md",
     quick={
-        **{"tasks": ("heading",), "generations": 1, "candidates": 6, "episodes": 2, "led": 0, "seconds": 1.0},
-        "climbing": 0.0,
+        **{"tasks": ("heading",), "generations": 1, "candidates": 6, "episodes": 2, "seconds": 1.0, "slow": False},
     },
 )
 def task_baselines(
@@ -77,9 +78,8 @@ def task_baselines(
     generations: int = 50,
     candidates: int = 24,
     episodes: int = 16,
-    led: int = 16,
     seconds: float = 10.0,
-    climbing: float = 60.0,
+    slow: bool = True,
     earlier: Path | None = None,
 ) -> Iterator[Record]:
     """A row for each task: what each controller reaches.
@@ -89,9 +89,8 @@ def task_baselines(
         generations: of training, of each task
         candidates: in a generation
         episodes: of each candidate in each generation, and of each controller in the end, on others
-        led: episodes of the predictive controller
         seconds: s, of an episode
-        climbing: s, processor time of each policy by gradients through the motion; 0: none
+        slow: also those that take minutes: predictive control, and policies by gradients through the motion
         earlier: record of a run with the same settings: only learned policies are tried anew
     """
     check_names("tasks", tasks, TASKS)
@@ -102,10 +101,10 @@ def task_baselines(
     policies: dict[str, dict[str, Any]] = {}
     for task in tasks:
         env = of_task(task, seconds)
-        row = rows.get(task) or compared(env, strategy, training, led) | {"task": task}
+        row = rows.get(task) or compared(env, strategy, training, slow) | {"task": task}
         learned_for = "heading" if env.task.towards != "anywhere" else "speed"
         if learned_for not in policies:
-            policies[learned_for] = learned_policies(learned_for, seconds, climbing)
+            policies[learned_for] = learned_policies(learned_for, seconds, slow)
         own = policies[learned_for].items()
         found = told({name: trials(env, each, key_of(training, TESTED), episodes) for name, each in own})
         yield row | {name: row[name] | found[name] for name in found}
@@ -116,22 +115,22 @@ def of_task(task: str, seconds: float) -> Environment:
     return environment(task, load_scene("exact"), options=SolverOptions(dt=0.01, dtype="float32"), seconds=seconds)
 
 
-def learned_policies(task: str, seconds: float, climbing: float) -> dict[str, Any]:
+def learned_policies(task: str, seconds: float, slow: bool) -> dict[str, Any]:
     """The library's policy for a task, and one by gradients through the motion."""
     found = {LEARNED: load_policy(task)}
-    if climbing:
-        found[CLIMBED] = learned(SHAC, of_task(task, seconds), CLIMBING, 0, climbing)[0]
+    if slow:
+        found[CLIMBED] = learned(SHAC, of_task(task, seconds), CLIMBING, 0, CLIMBING_TIME)[0]
     return found
 
 
-def compared(env: Environment, strategy, training: Training, led: int) -> Record:
+def compared(env: Environment, strategy, training: Training, slow: bool) -> Record:
     """What all controllers but those of the library reach in an environment."""
     rolled = rollouts(env)
     trained = train(rolled, strategy, training)
     known = known_controllers() | {TRAINED: trained}
     progress = dict(zip(known, judged(rolled, list(known.values()), training)))
-    if led:
-        progress[PREDICTIVE] = predicted(env, training, led)
+    if slow:
+        progress[PREDICTIVE] = predicted(env, training)
     return {"trained": trained} | told(progress)
 
 
@@ -254,11 +253,11 @@ def wanted(env: Environment, aim):
     return jnp.array([-FAR, 0.0], jnp.float32) if env.task.towards == "uphill" else FAR * aim
 
 
-def predicted(env: Environment, training: Training, led: int) -> np.ndarray:
+def predicted(env: Environment, training: Training) -> np.ndarray:
     """(episodes,), m/s: progress, counted as for all others, of predictive control whose model is the robot itself."""
     found = []
     policy = controller(np.asarray(known_controllers()[FEEDBACK], np.float32))
-    for number, key in enumerate(keys(training, TESTED)[:led]):
+    for number, key in enumerate(keys(training, TESTED)):
         state = env.reset(key)
         plant, aim, average, *_ = state.pipeline_state
         goal = np.asarray(wanted(env, aim), float)

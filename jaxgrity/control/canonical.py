@@ -18,6 +18,7 @@ import numpy as np
 from jaxgrity.control.environments import Environment
 from jaxgrity.control.sensors import Observation, turning_pairs
 from jaxgrity.core.errors import InputError
+from jaxgrity.core.primitives import inverse, length
 from jaxgrity.core.types import AnyArray
 from jaxgrity.model.law_symmetry import keeps
 from jaxgrity.model.laws import Symmetry
@@ -79,10 +80,10 @@ class CanonicalPose(eqx.Module):
         `observation` is that of an environment: see `sensed`.
         """
         told = self._parts(observation)
-        directions, spins, wanted = told.directions, told.spins, told.place
+        directions, spins = told.directions, told.spins
+        wanted: AnyArray = told.place
         if self.turned == BY_DIRECTION:
-            size = jnp.sqrt(jnp.sum(wanted * wanted))
-            along = jnp.where(size > 0, wanted / jnp.where(size > 0, size, 1), jnp.array([1, 0], wanted.dtype))
+            (size,), (along,) = _polar(wanted[None])
             directions, spins = (_turned(x, along) for x in (directions, spins))
             wanted = jnp.stack([size, jnp.zeros_like(size)])
         all_ways = jax.vmap(_exchanged, (None, 0))(directions, self.exchange)
@@ -109,9 +110,8 @@ class CanonicalPose(eqx.Module):
         if self.turned != BY_POSE:
             return products.sum(-1), products[:, :2]
         crossed = self.built[:, 0] * directions[..., 1] - self.built[:, 1] * directions[..., 0]
-        turn = jnp.stack([products[:, 0] + products[:, 1], crossed.sum(1)], axis=-1)
-        size = jnp.sqrt(jnp.sum(turn * turn, axis=-1))
-        return size + products[:, 2], turn / jnp.where(size > 0, size, 1)[:, None]
+        size, along = _polar(jnp.stack([products[:, 0] + products[:, 1], crossed.sum(1)], axis=-1))
+        return size + products[:, 2], along
 
     def _parts(self, observation: AnyArray) -> Observation:
         """The readings of an observation, with the wanted direction, (2,), for the place."""
@@ -200,7 +200,7 @@ def _exchange(scene: Scene, actuated: tuple[int, ...], pairs: Any, symmetry: Sym
     return Exchange(
         came,
         signs[came].astype(np.float32),
-        np.float32(symmetry.matrix[1, 1]),
+        np.array(symmetry.matrix[1, 1], np.float32),
         old([symmetry.members[k] - first for k in numbers]),
         old(symmetry.nodes),
         old([actuated.index(k) for k in members]),
@@ -214,6 +214,13 @@ def _exchanged(directions: AnyArray, way: Exchange) -> AnyArray:
 def _spins_exchanged(spins: AnyArray, way: Exchange) -> AnyArray:
     # a mirror turns the sense of rotation; a strut spins alike from either end
     return spins[way.turning] * jnp.array([way.mirror, 1.0, way.mirror])
+
+
+def _polar(vectors: AnyArray) -> tuple[AnyArray, AnyArray]:
+    """Lengths and directions of vectors in the plane, (n, 2); +x for one of zero, with derivatives of zero."""
+    size = length(jnp.pad(vectors, ((0, 0), (0, 1))))
+    ahead = jnp.array([1, 0], vectors.dtype) * (size == 0)[:, None]
+    return size, vectors * inverse(size)[:, None] + ahead
 
 
 def _turned(vectors: AnyArray, along: AnyArray) -> AnyArray:
