@@ -63,6 +63,7 @@ PERIODS = {
     "lasting": (2, 2),
     "brisk": (2, 2),
     "fast": (1, 1),
+    "swift": (1, 1),
     "gentle": (1, 1),
     "thrifty": (4, 4),
     "cables": (1, 1),

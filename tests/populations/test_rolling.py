@@ -363,7 +363,7 @@ def test_motions_have_their_names(name, path, supports, airborne):
 
 SOFTER = ("gentle", "thrifty")
 """for a softer robot"""
-HOPPING_GAITS = ("cables", "fast", "gentle", "steep", "uphill")
+HOPPING_GAITS = ("cables", "fast", "gentle", "steep", "swift", "uphill")
 """of the library"""
 
 
