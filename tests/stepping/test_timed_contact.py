@@ -24,8 +24,11 @@ from jaxgrity import (
     simulate,
     simulate_population,
 )
-from jaxgrity.stepping import resolve
+from jaxgrity.stepping import discretise, resolve
+from jaxgrity.stepping.loop import Step, advance, carried_at
+from jaxgrity.stepping.power import strut_impulses
 
+METHODS = ("complementarity", "complementarity2")
 STEPS = (1e-2, 5e-3, 2.5e-3, 1.25e-3)
 """s"""
 
@@ -156,6 +159,32 @@ def test_landings_with_friction_add_no_energy():
     plain, timed = gained("complementarity"), gained("complementarity2")
     assert timed.max() < plain.max() + 1e-12 < 2e-5
     assert np.median(timed) < -0.01
+
+
+@pytest.mark.parametrize("coupled", [False])
+def test_struts_exert_no_force_on_a_whole_rod(coupled):
+    """The ground's impulses of a landing's second half are among those of the step."""
+    scene, (q, v), h = rod(), starts(1, 0.2, 0.5)[0], 5e-3
+    scheme = discretise(resolve(scene, 0.2, SolverOptions(method="complementarity2", dt=h, coupled=coupled)))
+    after, pushed = carried_at(scheme, scene, 0.0, h, (q, v)), 0.0
+    step = jax.jit(lambda before, t: advance(scheme, scene, (t, t + h), before))
+    for t in h * np.arange(40):
+        before, after = after, step(after, t)
+        impulse = strut_impulses(scene, Step(t, h, before, after))
+        pushed = max(pushed, abs(impulse).max())
+        np.testing.assert_allclose(impulse.sum(0), 0.0, atol=1e-12)
+    assert pushed > 0.5
+
+
+def test_a_load_between_two_cables_follows_the_rod():
+    """Nodes without a strut are parts of their own, which a landing of the rod does not touch."""
+    bare, load = rod(), np.array([[0.5, 0.0, 0.9]])
+    cables = Members(((0, 2), (1, 2)), np.array([300.0, 300.0]), np.array([0.5, 0.5]), np.array([5.0, 5.0]))
+    nodes = np.concatenate([bare.structure.nodes, load])
+    scene = replace(bare, structure=Structure(nodes, np.array([1.0, 1.5, 0.3]), bare.structure.struts, cables))
+    ends = [simulate(scene, 0.6, options=SolverOptions(method=m)).positions[-1] for m in METHODS]
+    np.testing.assert_allclose(*ends, atol=2e-3)
+    assert ends[0][:2, 2].max() < 1e-9
 
 
 @pytest.mark.campaign
