@@ -5,7 +5,6 @@ Unknown are the velocities of the independent nodes; points of bodies follow the
 
 from typing import Any, NamedTuple, cast
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 

@@ -108,7 +108,9 @@ def of_parts(constraints: Constraints, alike: Alike) -> Constraints:
         contact = None
     elif contact is not None:
         mu = None if contact.mu is None else pick(contact.mu, contacts)
-        contact = contact._replace(closing=contact.closing[contacts], mu=mu, least=pick(contact.least, contacts))
+        timing = jax.tree.map(lambda x: x[contacts], contact.timing)
+        least = pick(contact.least, contacts)
+        contact = contact._replace(closing=contact.closing[contacts], mu=mu, least=least, timing=timing)
     if weights is not None:
         weights = jnp.moveaxis(weights[contacts[:, :, None], :, alike.nodes[:, None]], 2, 3)
     return Constraints(

@@ -20,6 +20,7 @@ from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.stepping.blocks import Components
+from jaxgrity.stepping.capsules import capsules_of
 from jaxgrity.stepping.complementarity import kick_of
 from jaxgrity.stepping.constraints import (
     GroundImpulses,
@@ -38,18 +39,23 @@ from jaxgrity.stepping.constraints import (
 from jaxgrity.stepping.entering import Met, contacts_met, depth_inside, landings
 from jaxgrity.stepping.ground_response import SLOWEST, Timing, velocity
 from jaxgrity.stepping.separate_parts import hit_by_landings
+from jaxgrity.stepping.strut_contacts import points_between
 from jaxgrity.stepping.swept import SweptImpulses
 
 FULL = 1.5
 """Time from the start of a step in which a node lands to the middle of the next step, in steps."""
+STILL = 0.5
+"""Power of the rounding error: this share of the speed of a body is the fastest slip of a node that sticks."""
 Slips = tuple[PerNode, PerNode]
 """m/s, of each contact along both tangents of the ground"""
 
 
 def untimed(scene: Scene, coupled: bool) -> str | None:
     """What of a scene has no landings at their own time; None: nothing."""
-    if coupled or len(blocks_of(scene).groups) > 1:
-        return "this scene's struts and contacts are solved together"
+    if capsules_of(scene) is not None or points_between(scene):
+        return "contact along struts, or between them, has no landings at its own time"
+    if not coupled and len(blocks_of(scene).groups) > 1:
+        return "sweeps over struts that share nodes have no landings at their own time"
     ground = exact_ground(scene)
     return (
         "bounces (restitution) have no second half" if ground is not None and ground.restitution is not None else None
@@ -119,11 +125,12 @@ def timing_of_slides(
     """
     (met, _), deep = _met(scene, h, start)
     (old, new), (pressed, landed), touching = slips, last, met.distance <= deep
-    least = (SLOWEST * speed_scale(scene)) ** 2
+    size, eps = speed_scale(scene), float(jnp.finfo(start[0].dtype).eps)
+    least = (SLOWEST * size) ** 2
     speeds = [jnp.sqrt(x * x + y * y + least) for x, y in (old, new)]
     slid = touching & (pressed > 0) & (landed == 0)
     mean = jnp.where(slid, -jnp.minimum(1, speeds[1] / speeds[0]), shares_before_landing(scene, h, start))
-    stopped = touching & (landed > 0) & (new[0] == 0) & (new[1] == 0)
+    stopped = touching & (landed > 0) & (speeds[1] <= eps**STILL * size)
     return Timing((mean * old[0], mean * old[1]), jnp.where(stopped, FULL - landed, 1))
 
 
