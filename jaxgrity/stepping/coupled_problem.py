@@ -197,8 +197,8 @@ def scaled(contact: Contact, root_mass: AnyPerNode) -> Contact:
     timing = contact.timing
     if timing is not None:
         (first, second), s = timing.offset, timing.sliding
-        # p_t = mu p_n + m (1 - s)/s |w_t| with a node's mass m: the same law whatever velocities are scaled by. The
-        # foot of a body may answer more than m says: there its own answer counts
+        # |p_t| = mu p_n + m (1 - s)/s |w_t| where a node of mass m slides: the same law whatever velocities are scaled
+        # by. The foot of a body may answer more than m says: there its own answer counts
         ratio = jnp.minimum(timing.mass / root_mass**2, 1)
         timing = Timing((first * root_mass, second * root_mass), s / (s + ratio * (1 - s)), timing.mass)
     return contact._replace(closing=contact.closing * root_mass, timing=timing)

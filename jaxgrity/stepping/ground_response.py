@@ -13,7 +13,7 @@ on uneven ground each node has its own, into which vectors are turned and from w
 
 from collections.abc import Callable
 from functools import wraps
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
@@ -33,7 +33,7 @@ class Timing(NamedTuple):
     """c, m/s, along both tangents: friction acts against w_t - c"""
     sliding: PerRow
     """s, the time that a node slides, in units of the kick's"""
-    mass: PerRow | None = None
+    mass: Any = None
     """kg, with which its impulses change velocities; None: they are changes of velocities already"""
 
 
