@@ -133,7 +133,11 @@ def _stepped(scene: Scene, options: ResolvedOptions, plan: StepPlan, count: AnyA
         here = _with_lengths(scene, t + h, plan.longer[k + 1])
         saved, anew = carried_at(scheme, here, t, h, (plan.positions[k], plan.velocities[k]))
         # only at its very start does a motion have half a kick
-        anew = anew._replace(step_size=jnp.where(k > 0, h, anew.step_size), impulses=before.memory.impulses)
+        anew = anew._replace(
+            step_size=jnp.where(k > 0, h, anew.step_size),
+            impulses=before.memory.impulses,
+            landed=before.memory.landed,
+        )
         new = plan.taken_up[k]
         before = jax.tree.map(lambda a, b: jnp.where(new, a, b), Carried(saved, anew), before)
         after = advance(scheme, here, (t, t + h), before)

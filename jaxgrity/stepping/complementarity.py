@@ -40,15 +40,9 @@ class SweptState(NamedTuple):
     """of the last step, s; 0 before the first step of a robot at rest. A number, or one for each robot"""
     impulses: GroundImpulses
     """of the last step"""
-
-
-class TimedState(NamedTuple):
-    """The same with the times of landings (`timed_contact.py`)."""
-
-    step_size: Scalar
-    impulses: GroundImpulses
-    landed: PerNode
-    """share of the last step after which a node landed in it; 0 for a node that did not"""
+    landed: PerNode | None = None
+    """share of the last step after which a node landed in it; 0 for a node that did not. None: landings have no time of
+    their own (`timed_contact.py`)"""
 
 
 class CoupledState(NamedTuple):
@@ -60,9 +54,10 @@ class CoupledState(NamedTuple):
     """N s, (nodes, 3), of the rigid struts in the last step"""
     residual: Scalar
     """m/s, by which velocities miss what the impulses make of them, at most"""
+    landed: PerNode | None = None
 
 
-ImpulseState = SweptState | TimedState | CoupledState
+ImpulseState = SweptState | CoupledState
 """carries that hold the size of the last step, in whose middle the velocities are"""
 
 

@@ -45,6 +45,7 @@ from jaxgrity.stepping.coupled_problem import (
     stretch_after,
     strut_directions,
 )
+from jaxgrity.stepping.ground_response import without_offset
 
 TURNING = 20
 """Most rounds in a step that use the struts' directions at its start."""
@@ -192,6 +193,7 @@ def _search(problem: Coupled, guess: AnyArray, near: AnyNodeVectors) -> tuple[_F
     if problem.contact is not None:
         # so that P(z) are the impulses of the last step: at rest they are those of this one
         trial = trial - (problem.contact.closing * root_mass)[:, None] * for_many(NORMAL, infinite)
+        trial = without_offset(scaled(problem.contact, root_mass), trial)
     start = _Found(nothing, nothing[:, 0], trial, near, infinite, infinite, jnp.ones(many, dtype))
     if problem.apart is None:
         return _round(problem, root_mass, first, start), first.units, root_mass

@@ -5,7 +5,6 @@ Unknown are the velocities of the independent nodes; points of bodies follow the
 
 from typing import Any, NamedTuple, cast
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -23,7 +22,7 @@ from jaxgrity.model.surface import Frame, frame_axes
 from jaxgrity.stepping.blocks import WITHOUT_GROUND
 from jaxgrity.stepping.capsules import TouchingPoints, capsules_of, ends_of, of_points, weights_of
 from jaxgrity.stepping.constraints import exact_ground
-from jaxgrity.stepping.entering import Met, closing_speed, where_met
+from jaxgrity.stepping.entering import closing_speed, contacts_met
 from jaxgrity.stepping.ground_response import SLOWEST, Contact
 from jaxgrity.stepping.strut_contacts import StrutContacts, TouchingStruts, points_between
 
@@ -201,11 +200,11 @@ def known_at(scene: Scene, h: Scalar, state: State, touching: TouchingStruts) ->
     if ground is not None:
         never = np.where(structure.free.any(1), 0.0, NEVER).astype(q.dtype) * speed
         mu = None if scene.friction is None else jnp.asarray(scene.friction.sliding_mu)
-        met = _met(ground, size, h, (q, v))
+        met, arriving = contacts_met(ground, size, h, (q, v))
         axes = met.frame
         if ground.balls is not None:
             never, mu = never[rows], mu if mu is None or mu.ndim == 0 else mu[rows]
-        closing = closing_speed(ground, size, h, v if ground.balls is None else v[rows], met)
+        closing = closing_speed(ground, size, h, arriving, met)
         contact = Contact(closing - never, mu, None, least)
     columns = [jnp.broadcast_to(jnp.asarray(axis, q.dtype), (len(rows), 3)) for axis in (axes.normal, *axes.tangents)]
     frame: AnyArray = jnp.stack(columns, axis=1)
@@ -234,17 +233,6 @@ def _weights_of_nodes(scene: Scene, q: NodeVectors, frame: AnyArray) -> AnyArray
     # basic points are independent
     moved_with = own + balls.turning(scene.structure.bodies, q, frame[:, 0])[:, nodes]
     return jnp.stack([own, moved_with, moved_with], axis=1)
-
-
-def _met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Met:
-    """The places where the nodes, or the balls, meet the ground."""
-    met = where_met(ground, size, h, *start)
-    if ground.balls is None:
-        return met
-    rows = np.array(ground.balls.nodes)
-    if ground.surface is None:
-        return met._replace(distance=met.distance[rows])
-    return jax.tree.map(lambda x: x[rows], met)
 
 
 def _and_struts(

@@ -24,7 +24,7 @@ from jaxgrity.core.dense import inverse_of, solution
 from jaxgrity.core.side_by_side import applied, contracted, for_many, while_any
 from jaxgrity.core.types import AnyArray, AnyNodeVectors, AnyPerNode
 from jaxgrity.stepping.blocks import Components
-from jaxgrity.stepping.ground_response import Contact, ground_impulse
+from jaxgrity.stepping.ground_response import Contact, ground_impulse, without_offset
 
 NORMAL = (1.0, 0.0, 0.0)
 """The direction of the normal in components along normal and tangents."""
@@ -111,6 +111,8 @@ def solve_contacts(problem: ContactProblem, start: AnyNodeVectors) -> Solved:
     infinite = jnp.full(start.shape[2:], jnp.inf, start.dtype)
     p = as_impulses(problem.contact, start)
     splitting = _Splitting(p, 0 * p, jnp.ones_like(infinite))
+    # the cone's problem is that of the slip against which friction acts
+    moved = problem._replace(b=without_offset(problem.contact, problem.b))
 
     def unsolved(state):
         best, _, count = state
@@ -122,8 +124,8 @@ def solve_contacts(problem: ContactProblem, start: AnyNodeVectors) -> Solved:
     def again(state):
         best, splitting, count = state
         # loops, for what is done in some rounds alone: a condition would do it in all, in a population
-        splitting = _repeat(count == 2, 1, lambda s: _prepared(problem, s), splitting)
-        splitting = _repeat(count > 1, SPLITTINGS // PENALTY_KEPT, lambda s: _split(problem, s), splitting)
+        splitting = _repeat(count == 2, 1, lambda s: _prepared(moved, s), splitting)
+        splitting = _repeat(count > 1, SPLITTINGS // PENALTY_KEPT, lambda s: _split(moved, s), splitting)
         near = splitting.impulse - problem.b - applied(problem.G, splitting.impulse)
         # where plain iterations jump to and fro between corners of P, damped ones come nearer; and the reverse
         found = _newton(problem, jnp.where(count < 2, start, near), damped=count % 2 == 1)

@@ -11,7 +11,7 @@ from jaxgrity.core.side_by_side import applied, contracted, for_many
 from jaxgrity.core.types import AnyArray, AnyMemberVectors, AnyNodeVectors, AnyPerMember, AnyPerNode
 from jaxgrity.stepping.coupled_constraints import Constraints, Sliding
 from jaxgrity.stepping.coupled_contacts import Factors, as_impulses, begins_with_nearest
-from jaxgrity.stepping.ground_response import Contact
+from jaxgrity.stepping.ground_response import Contact, Timing
 
 REDUNDANT = 1e-11
 """Share of each strut's own response that is added to the diagonal of J A J^T. Structures with more struts than
@@ -194,7 +194,14 @@ def contact_of(
 
 def scaled(contact: Contact, root_mass: AnyPerNode) -> Contact:
     """The contacts of velocities times the roots of the masses."""
-    return contact._replace(closing=contact.closing * root_mass)
+    timing = contact.timing
+    if timing is not None:
+        (first, second), s = timing.offset, timing.sliding
+        # |p_t| = mu p_n + m (1 - s)/s |w_t| where a node of mass m slides: the same law whatever velocities are scaled
+        # by. The foot of a body may answer more than m says: there its own answer counts
+        ratio = jnp.minimum(timing.mass / root_mass**2, 1)
+        timing = Timing((first * root_mass, second * root_mass), s / (s + ratio * (1 - s)), timing.mass)
+    return contact._replace(closing=contact.closing * root_mass, timing=timing)
 
 
 def acted_on(problem: Coupled, pulls: AnyMemberVectors, p: AnyArray) -> AnyNodeVectors:

@@ -137,7 +137,7 @@ class CoupledImpulses(Complementarity):
     lift: Lift = eqx.field(static=True, default=one_robot)
 
     def init(self, terms, t0, t1, y0, args):
-        step_size, impulses = first_memory(t0, t1, y0)
+        step_size, impulses, _ = first_memory(t0, t1, y0)
         none = lambda points: jnp.zeros_like(y0[1], shape=(points, *y0[1].shape[1:]))  # noqa: E731
         if (capsules := capsules_of(args)) is not None:
             impulses = impulses._replace(along_struts=none(len(ends_of(capsules)[0])))
@@ -148,7 +148,6 @@ class CoupledImpulses(Complementarity):
     def velocity_after_impulses(self, field, ends, start, scene, memory):
         (q, v), (t0, t1) = start, ends
         h, (kick, acting) = t1 - t0, kick_of(scene, ends, memory)
-        solve = self.lift(coupled_impulses, ("s", None, *[-1] * 5))
         touching = TouchingStruts()
         if capsules_of(scene) is not None or points_between(scene):
             touching = self.lift(touching_struts, ("s", None, -1))(scene, h, start)
@@ -158,8 +157,8 @@ class CoupledImpulses(Complementarity):
             """The step with dampers at the mean of its first and last velocities, as far as these are known."""
             before, impulses = carry
             _, a = field(t0, (q, (v + before) / 2), acting)
-            free = self._carried(scene, t0, t1, v + kick * a)
-            found = solve(scene, (h, t1), q, known, free, jnp.where(first, free, before), impulses)
+            free = v + kick * a
+            found = self._solved(scene, ends, q, known, free, jnp.where(first, free, before), impulses)
             return (found.velocity, found.impulses), found
 
         # robots that rest or slide need nearly the impulses of their last step: Newton's method begins there
@@ -170,12 +169,21 @@ class CoupledImpulses(Complementarity):
             found = jax.tree.map(lambda x: x[-1], jax.lax.scan(solved, before, np.array([True, False]))[1])
         else:
             found = solved(before, True)[1]
+        if touching.each_other is not None:
+            found = found._replace(stretch=jnp.where(touching.each_other.missed, jnp.inf, found.stretch))
+        return self._finished(scene, h, found, memory)
+
+    def _solved(self, scene, ends, q, known, free, near, impulses):
+        """One solution of the step between the `ends`, s, with the velocities `free` without impulses, m/s."""
+        solve, (t0, t1) = self.lift(coupled_impulses, ("s", None, *[-1] * 5)), ends
+        return solve(scene, (t1 - t0, t1), q, known, self._carried(scene, t0, t1, free), near, impulses)
+
+    def _finished(self, scene, h, found, memory):
+        """w, m/s, of a step of h (s), and its memory."""
         fastest = LARGEST_SPEED_ERROR * speed_scale(scene)
         met = (found.stretch <= LARGEST_LENGTH_ERROR) & (found.error <= fastest)
         if self.tolerance is not None:
             met = met & (found.off <= self.tolerance)
-        if touching.each_other is not None:
-            met = met & ~touching.each_other.missed
         # a step that is not solved ends this robot alone: its failure code reads NaN
         w = jnp.where(met, found.velocity, jnp.nan)
         taken = jnp.broadcast_to(h, jnp.shape(memory.step_size))

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxgrity.core.elementwise import derived_as
 from jaxgrity.core.primitives import component, over
@@ -137,6 +138,17 @@ def _chosen(which: AnyArray, rows: tuple[PerNode, ...]) -> PerNode:
         # not a gather by `which`: mapped over a population it would bring the robots to the front in memory
         found = jnp.where(which == k, row, found)
     return found
+
+
+def contacts_met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> tuple[Met, NodeVectors]:
+    """The ground that all nodes, or the balls, meet in a step of h (s) from `start`; and their velocities, m/s."""
+    met, v = where_met(ground, size, h, *start), start[1]
+    if ground.balls is None:
+        return met, v
+    rows = np.array(ground.balls.nodes)
+    if ground.surface is None:
+        return met._replace(distance=met.distance[rows]), v[rows]
+    return jax.tree.map(lambda x: x[rows], met), v[rows]
 
 
 def frame_met(ground: ExactGround, size: Scalar, h: Scalar, start: State) -> Frame:

@@ -13,7 +13,7 @@ on uneven ground each node has its own, into which vectors are turned and from w
 
 from collections.abc import Callable
 from functools import wraps
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
@@ -33,6 +33,8 @@ class Timing(NamedTuple):
     """c, m/s, along both tangents: friction acts against w_t - c"""
     sliding: PerRow
     """s, the time that a node slides, in units of the kick's"""
+    mass: Any = None
+    """kg, with which its impulses change velocities; None: they are changes of velocities already"""
 
 
 class Contact(NamedTuple):
@@ -131,6 +133,14 @@ def _against(contact: Contact, trial: Components) -> Components:
         return trial
     first, second = contact.timing.offset
     return Components(trial.normal, trial.first + first, trial.second + second)
+
+
+def without_offset(contact: Contact, x: AnyArray) -> AnyArray:
+    """Vectors along normal and tangents, (nodes, 3), less the offset of friction."""
+    if contact.timing is None:
+        return x
+    first, second = contact.timing.offset
+    return x - jnp.stack([0 * first, first, second], axis=1)
 
 
 def _share(mu: Scalar | AnyArray, pressed: PerRow, size_squared: PerRow) -> PerRow:

@@ -15,6 +15,7 @@ from jaxgrity.stepping.coupled_stepping import CoupledImpulses
 from jaxgrity.stepping.runge_kutta import RK4
 from jaxgrity.stepping.swept import SweptImpulses
 from jaxgrity.stepping.timed_contact import TimedImpulses, untimed
+from jaxgrity.stepping.timed_coupled import TimedCoupledImpulses
 from jaxgrity.stepping.verlet import Verlet
 
 Build = Callable[[], diffrax.AbstractSolver]
@@ -134,6 +135,6 @@ for _method in (
     Method("kvaerno5", 5, *_implicit(diffrax.Kvaerno5), implicit=True),
     Method("verlet", 2, Verlet, symplectic=True),
     Method("complementarity", 1, SweptImpulses, coupled=CoupledImpulses, constrained=True),
-    Method("complementarity2", 1, TimedImpulses, refuses=untimed, constrained=True),
+    Method("complementarity2", 1, TimedImpulses, coupled=TimedCoupledImpulses, refuses=untimed, constrained=True),
 ):
     register_method(_method)

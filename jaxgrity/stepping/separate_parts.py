@@ -13,7 +13,8 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 
-from jaxgrity.core.types import AnyArray
+from jaxgrity.core.primitives import take_rows
+from jaxgrity.core.types import AnyArray, PerNode
 from jaxgrity.model.rigidity import rigid_pairs
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.slides import slides_of
@@ -67,10 +68,29 @@ def separate_parts(scene: Scene) -> tuple[Alike, ...] | None:
     return tuple(Alike(*(np.stack(rows) for rows in zip(*parts))) for parts in kinds.values())
 
 
+def hit_by_landings(scene: Scene, landed: PerNode) -> PerNode:
+    """1 for nodes of parts of which a node `landed` (a number above 0 for each such node), else 0."""
+    label = _labels(scene)
+    together = label[:, None] == label
+    if together.sum(1).max() <= 2:
+        # rows are cheaper than a product of matrices, and keep the population last
+        sums = landed + take_rows(landed, tuple(_other(row, own) for own, row in enumerate(together)))
+    else:
+        sums = jnp.asarray(together, landed.dtype) @ landed
+    return (sums > 0).astype(landed.dtype)
+
+
+def _other(row: np.ndarray, own: int) -> int:
+    """The number of the other node of a part of two, or the node's `own`."""
+    return next((int(k) for k in np.flatnonzero(row) if k != own), own)
+
+
 def _labels(scene: Scene) -> np.ndarray:
     """(all nodes,), the number of the part of each."""
     structure = scene.structure
     joins = [*rigid_pairs(scene), *(edge for _, edges in structure.rod_masses for edge in edges)]
+    if (slides := slides_of(scene)) is not None:
+        joins += [(node, end) for node, pair in zip(slides.nodes, slides.along) for end in pair]
     joins += [(body.points[0], node) for body in structure.bodies for node in body.points]
     i, j = np.array(joins, int).reshape(-1, 2).T
     size = len(structure.nodes)
@@ -88,7 +108,9 @@ def of_parts(constraints: Constraints, alike: Alike) -> Constraints:
         contact = None
     elif contact is not None:
         mu = None if contact.mu is None else pick(contact.mu, contacts)
-        contact = contact._replace(closing=contact.closing[contacts], mu=mu, least=pick(contact.least, contacts))
+        timing = jax.tree.map(lambda x: x[contacts], contact.timing)
+        least = pick(contact.least, contacts)
+        contact = contact._replace(closing=contact.closing[contacts], mu=mu, least=least, timing=timing)
     if weights is not None:
         weights = jnp.moveaxis(weights[contacts[:, :, None], :, alike.nodes[:, None]], 2, 3)
     return Constraints(

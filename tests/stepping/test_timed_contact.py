@@ -1,12 +1,14 @@
 """Landings at their own time, and friction against the mean velocity: the method `complementarity2`."""
 
 from dataclasses import replace
+from itertools import product
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import jaxgrity
 from jaxgrity import (
@@ -16,6 +18,7 @@ from jaxgrity import (
     Members,
     Scene,
     SolverOptions,
+    Sphere,
     Structure,
     gaits_of,
     load_scene,
@@ -23,9 +26,14 @@ from jaxgrity import (
     rollout,
     simulate,
     simulate_population,
+    with_contact_along_struts,
 )
-from jaxgrity.stepping import resolve
+from jaxgrity.model import rigid_body
+from jaxgrity.stepping import discretise, resolve
+from jaxgrity.stepping.loop import Step, advance, carried_at
+from jaxgrity.stepping.power import ground_impulses, strut_impulses
 
+METHODS = ("complementarity", "complementarity2")
 STEPS = (1e-2, 5e-3, 2.5e-3, 1.25e-3)
 """s"""
 
@@ -54,15 +62,37 @@ def starts(count: int, speed: float, spin: float) -> list[tuple[np.ndarray, np.n
     return found
 
 
-def errors(scene: Scene, begin: list, duration: float, method: str, steps=STEPS) -> np.ndarray:
+def box(mu: float) -> tuple[Scene, list[tuple[np.ndarray, np.ndarray]]]:
+    """A rigid body that lands on a corner, and starts of it, m and m/s: it slides and spins."""
+    size, mass, draw = np.array([0.5, 0.3, 0.2]), 2.0, np.random.default_rng(0)
+    corners, turn = np.array(list(product((-0.5, 0.5), repeat=3))) * size, Rotation.from_rotvec([0.5, 0.4, 0.2])
+    moments, placed = turn.as_matrix() @ np.diag(mass / 12 * (size @ size - size**2)), turn.apply(corners)
+    placed[:, 2] += 0.05 - placed[:, 2].min()
+    body = rigid_body(placed, range(8), mass, moments @ turn.as_matrix().T, basic=(0, 1, 2, 4))
+    structure = Structure(placed, np.zeros(8), bodies=(body,))
+    scene = Scene(structure, gravity=9.81, ground=ExactGround(), friction=ConeFriction(mu))
+    found = []
+    for height in (0.0, 0.011, 0.033, 0.047):
+        v, spin = np.array([*draw.normal(size=2), -0.3 * draw.random()]), 1.5 * draw.normal(size=3)
+        q = placed + np.array([0.0, 0.0, height])
+        found.append((q, v + np.cross(spin, q - q.mean(0))))
+    return scene, found
+
+
+def errors(
+    scene: Scene, begin: list, duration: float, method: str, steps=STEPS, coupled: bool | None = None
+) -> np.ndarray:
     """m, of each start at each step, against a step 256 times smaller than the first."""
 
     def end(start, h, method):
-        options = SolverOptions(method=method, dt=h)
+        options = SolverOptions(method=method, dt=h, coupled=coupled)
         return rollout(scene, np.array([0.0, duration]), start=start, options=options).positions[-1]
 
     finest = [end(start, STEPS[0] / 256, "complementarity2") for start in begin]
     return np.array([[np.linalg.norm(end(b, h, method) - x) for h in steps] for b, x in zip(begin, finest)])
+
+
+both_solvers = pytest.mark.parametrize("coupled", [False, pytest.param(True, marks=pytest.mark.slow)])
 
 
 @pytest.mark.slow
@@ -76,13 +106,46 @@ def test_rods_that_land_and_stick_have_a_fifth_of_the_error():
         assert np.median(timed / plain) < 0.2
 
 
-def test_a_landing_that_turns_the_slip_has_one_limit():
+@both_solvers
+def test_a_landing_that_turns_the_slip_has_one_limit(coupled):
     """The plain method's answer depends there on where in a step the landing is, however small the step."""
-    timed = np.median(errors(rod(0.2), starts(6, 1.5, 0.0), 0.2, "complementarity2"), axis=0)
+    begin = starts(6, 1.5, 0.0)
+    timed = np.median(errors(rod(0.2), begin, 0.2, "complementarity2", coupled=coupled), axis=0)
     assert timed[-1] < timed[0] / 5
 
 
-def test_a_curved_slide_is_of_second_order():
+@pytest.mark.slow
+def test_a_rigid_body_that_lands_has_one_limit():
+    """Of the plain method all errors are more than 4 mm."""
+    scene, begin = box(0.2)
+    coarse, fine = np.median(errors(scene, begin, 0.2, "complementarity2", steps=(1e-2, 1.25e-3)), axis=0)
+    assert coarse < 4e-3
+    assert fine < coarse / 4
+
+
+@pytest.mark.slow
+def test_both_solvers_take_the_same_steps():
+    """The robot that rolls, alone and in a population: up to what sweeps leave after four rounds."""
+    exact = load_scene("exact")
+    gaits = gaits_of(exact.gait, random_phases(3, 6, seed=0))
+
+    def ends(coupled):
+        options = SolverOptions(method="complementarity2", coupled=coupled)
+        return np.asarray(simulate_population(exact, gaits, 2.0, options=options).com_end)
+
+    swept = ends(False)
+    np.testing.assert_allclose(ends(True), swept, atol=1e-8)
+    plain = simulate_population(exact, gaits, 2.0, options=SolverOptions(method="complementarity")).com_end
+    assert np.linalg.norm(swept - plain, axis=1).max() > 5e-5
+    alone, together = (
+        simulate(exact, 2.2, options=SolverOptions(method="complementarity2", coupled=c)).positions
+        for c in (False, True)
+    )
+    np.testing.assert_allclose(together, alone, atol=1e-7)
+
+
+@both_solvers
+def test_a_curved_slide_is_of_second_order(coupled):
     ground = ExactGround(incline=0.5)
     point = Scene(
         Structure(np.zeros((1, 3)), np.array([1.0]), None, None),
@@ -92,7 +155,7 @@ def test_a_curved_slide_is_of_second_order():
     )
     first, second = (np.asarray(t) for t in ground.tangents)
     begin = [(np.zeros((1, 3)), (x * first + y * second)[None]) for x, y in ((-2.0, 1.5), (-1.7, 2.2), (-1.5, 1.8))]
-    found = np.median(errors(point, begin, 1.6, "complementarity2"), axis=0)
+    found = np.median(errors(point, begin, 1.6, "complementarity2", coupled=coupled), axis=0)
     assert (np.log2(found[:-1] / found[1:]) > 1.8).all()
 
 
@@ -111,9 +174,11 @@ def test_rolling_robots_are_nearly_twice_as_accurate():
     assert error("complementarity2") < error("complementarity") / 1.4
 
 
+@both_solvers
 @pytest.mark.parametrize("dtype", [pytest.param("float32", marks=pytest.mark.campaign), "float64"])
-def test_constraints_hold_and_nothing_sinks(dtype):
-    rolling = simulate(load_scene("exact"), 3.0, options=SolverOptions(method="complementarity2", dtype=dtype))
+def test_constraints_hold_and_nothing_sinks(dtype, coupled):
+    options = SolverOptions(method="complementarity2", dtype=dtype, coupled=coupled)
+    rolling = simulate(load_scene("exact"), 3.0, options=options)
     tolerance = 1e-12 if dtype == "float64" else 1e-6
     assert int(rolling.failure) == 0
     assert rolling.positions[..., 2].min() > -tolerance
@@ -158,10 +223,43 @@ def test_landings_with_friction_add_no_energy():
     assert np.median(timed) < -0.01
 
 
+@both_solvers
+def test_all_momentum_is_from_the_ground_and_from_gravity(coupled):
+    """The ground's impulses of a landing's second half are among those of the step."""
+    scene, (q, v), h = rod(), starts(1, 0.2, 0.5)[0], 5e-3
+    scheme = discretise(resolve(scene, 0.2, SolverOptions(method="complementarity2", dt=h, coupled=coupled)))
+    after, pushed = carried_at(scheme, scene, 0.0, h, (q, v)), 0.0
+    step = jax.jit(lambda before, t: advance(scheme, scene, (t, t + h), before))
+    for t in h * np.arange(40):
+        before, after = after, step(after, t)
+        taken = Step(t, h, before, after)
+        pull, ground = strut_impulses(scene, taken), sum(ground_impulses(scene, taken)).sum(0)
+        gained = scene.structure.node_mass @ (after.motion[1] - before.motion[1])
+        np.testing.assert_allclose(pull.sum(0), 0.0, atol=1e-12)
+        np.testing.assert_allclose(gained, ground + np.array([0, 0, -9.81 * 2.5 * taken.kick]), atol=1e-12)
+        pushed = max(pushed, abs(ground).max())
+    assert pushed > 0.5
+
+
+def test_a_load_between_two_cables_follows_the_rod():
+    """Nodes without a strut are parts of their own, which a landing of the rod does not touch."""
+    bare, load = rod(), np.array([[0.5, 0.0, 0.9]])
+    cables = Members(((0, 2), (1, 2)), np.array([300.0, 300.0]), np.array([0.5, 0.5]), np.array([5.0, 5.0]))
+    nodes = np.concatenate([bare.structure.nodes, load])
+    scene = replace(bare, structure=Structure(nodes, np.array([1.0, 1.5, 0.3]), bare.structure.struts, cables))
+    ends = [simulate(scene, 0.6, options=SolverOptions(method=m)).positions[-1] for m in METHODS]
+    np.testing.assert_allclose(*ends, atol=2e-3)
+    assert ends[0][:2, 2].max() < 1e-9
+
+
 @pytest.mark.campaign
-def test_derivatives_are_those_of_the_step():
+@pytest.mark.parametrize("problem", ["swept", "coupled", "body"])
+def test_derivatives_are_those_of_the_step(problem):
     scene, (q, v) = rod(), starts(1, 0.2, 0.5)[0]
-    options = resolve(scene, 0.1, SolverOptions(method="complementarity2", dt=5e-3))
+    if problem == "body":
+        scene, ((q, v), *_) = box(0.5)
+    coupled = problem != "swept"
+    options = resolve(scene, 0.1, SolverOptions(method="complementarity2", dt=5e-3, coupled=coupled))
 
     def end(scale):
         times = np.array([0.0, 0.2])
@@ -176,10 +274,14 @@ def test_scenes_that_it_cannot_solve_are_refused():
     timed = SolverOptions(method="complementarity2")
     with pytest.raises(InputError, match="bounces"):
         resolve(rod(restitution=0.5), 1.0, timed)
-    with pytest.raises(InputError, match="solved together; expected 'complementarity'"):
-        resolve(rod(), 1.0, replace(timed, coupled=True))
-    with pytest.raises(InputError, match="solved together"):
-        resolve(rod(1.5), 1.0, timed)
+    hill = with_contact_along_struts(replace(rod(), ground=ExactGround(surface=Sphere([0.0, 0.0, -5.0], 5.0))), 1)
+    with pytest.raises(InputError, match=r"along struts.*expected 'complementarity'"):
+        resolve(hill, 1.0, timed)
+    nodes, edges = np.array([[0.0, 0.0, 0.5], [1.0, 0.0, 0.5], [0.0, 1.0, 0.5]]), ((0, 1), (0, 2))
+    shared = replace(rod(), structure=Structure(nodes, np.ones(3), Members(edges, None, np.ones(2), None)))
+    with pytest.raises(InputError, match=r"share nodes.*expected 'complementarity'"):
+        resolve(shared, 1.0, replace(timed, coupled=False))
+    assert resolve(shared, 1.0, timed).coupled
     given = resolve(rod(), 1.0, timed)
     with pytest.raises(InputError, match="bounces"):
         jaxgrity.stepping.resolve(rod(restitution=0.5), 1.0, given)
