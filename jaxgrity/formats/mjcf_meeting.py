@@ -15,6 +15,7 @@ from jaxgrity.formats.mjcf_losses import bounces, name_of, watched
 from jaxgrity.formats.mjcf_solids import lose_length
 from jaxgrity.formats.mjcf_touched import LEAST_FRICTION, as_found, friction_of, rod_geoms
 from jaxgrity.model.bodies import Body
+from jaxgrity.model.friction import friction_at_nodes
 from jaxgrity.model.rod_contact import with_contact_along_struts
 from jaxgrity.model.rods import free_pairs, rods_of
 from jaxgrity.model.scene import Scene
@@ -168,15 +169,14 @@ def _by_rule(model: Any, a: int, b: int) -> _Met:
     first, second = (model.geom_priority[geom] for geom in (a, b))
     geoms = [a, b] if first == second else [a if first > second else b]
     friction = np.max(model.geom_friction[geoms], axis=0)[[0, 0, 1, 2, 2]]
-    springs = model.geom_solref[geoms]
-    worst = springs[int(np.argmax([bounces(each) for each in springs]))]  # as they may mix
-    return _Met(np.inf, (int(max(model.geom_condim[geoms])), friction, float(max(model.geom_margin[[a, b]])), worst))
+    springs, weights = model.geom_solref[geoms], np.maximum(model.geom_solmix[geoms], mujoco.mjMINVAL)
+    mixed = weights @ springs / weights.sum() if np.all(springs[:, 0] > 0) else springs.min(0)
+    return _Met(np.inf, (int(max(model.geom_condim[geoms])), friction, float(max(model.geom_margin[[a, b]])), mixed))
 
 
 def _coefficients(scene: Scene, rods: list[int]) -> np.ndarray:
     """Friction coefficients of the ends of two rods."""
-    mu = np.zeros(len(scene.structure.nodes)) + (0.0 if scene.friction is None else scene.friction.sliding_mu)
-    edges = rods_of(scene.structure)
+    mu, edges = friction_at_nodes(scene.friction, len(scene.structure.nodes)), rods_of(scene.structure)
     return mu[[node for k in rods for node in edges[k]]]
 
 
