@@ -23,7 +23,6 @@ GRID_STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (2, 1), (1, 2), (2, -1), (1, -2))
 """Steps on a grid in 8 directions. With their opposites, ways are at most 2.8 % longer than straight ones."""
 CLOSE = 8.0
 """Factor on the length of a way along which the robot would just touch an obstacle."""
-
 REACH = 0.6
 """Default distance from a robot's centre to its outermost point, m, for the library's robots of one metre."""
 COMFORT, SPACING = 0.4, 0.1
@@ -63,7 +62,8 @@ def discs_of(ground: Ground | None) -> Discs:
             ends = np.array([np.asarray(part.start), np.asarray(part.end)], float)[:, :2]
             found.append((*ends.mean(0), float(part.radius) + np.linalg.norm(ends[1] - ends[0]) / 2))
         elif isinstance(part, Box):
-            found.append((*np.asarray(part.centre, float)[:2], np.hypot(*np.asarray(part.size, float)[:2]) / 2))
+            middle, corners = (np.asarray(x, float)[..., :2] for x in (part.centre, part.corners))
+            found.append((*middle, np.linalg.norm(corners - middle, axis=1).max()))
         elif isinstance(part, Sphere) and not part.hollow:
             found.append((*np.asarray(part.centre, float)[:2], float(part.radius)))
         elif not isinstance(part, Slope | HeightField):

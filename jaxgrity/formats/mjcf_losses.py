@@ -144,11 +144,23 @@ def _limits(model: Any, data: Any, losses: Losses) -> None:
     for t in tendons:
         low, high = model.tendon_range[t]
         what = f"tendon {name_of(model, 'tendon', t)}: its length is limited to {low:g} to {high:g} m"
-        write = f', a soft stop; a cable that is slack below it has springlength="0 {high:g}" and a stiffness'
         if (int(kinds.mjCNSTR_LIMIT_TENDON), t) in reached or not stable:
-            losses.lose("limits", what, "" if model.tendon_stiffness[t] else write)
+            losses.lose("limits", what, "" if model.tendon_stiffness[t] else _as_spring(model, t))
         else:
             losses.note(f"{what} {unreached}")
+
+
+def _as_spring(model: Any, tendon: int) -> str:
+    """Words on the cable that stretches as much as a limited tendon when something hangs on it.
+
+    MuJoCo's limit is no spring: its force follows from accelerations, too, as if it had a mass of its own, 1/R. So that
+    cable has the same length at rest, and swings faster.
+    """
+    (period, ratio), most = _period(model.tendon_solref_lim[tendon]), float(model.tendon_solimp_lim[tendon][1])
+    soft = max((1 - most) * float(model.tendon_invweight0[tendon]), 1e-300)
+    K, c = 1 / (period**2 * soft), 2 * ratio / (period * soft)
+    attributes = f'springlength="0 {model.tendon_range[tendon][1]:g}" stiffness="{K:.4g}" damping="{c:.4g}"'
+    return f", a soft stop that resists accelerations, too; a cable that stretches alike at rest has {attributes}"
 
 
 def check_spring(model: Any, geom: int, spring: Sequence[np.ndarray], deep: float, losses: Losses) -> float:

@@ -9,10 +9,13 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import Losses
-from jaxgrity.formats.mjcf_contact import LEAST_FRICTION, SAME_PLACE, GroundFound, as_found, friction_of, rod_geoms
+from jaxgrity.formats.mjcf_contact import SAME_PLACE, GroundFound
 from jaxgrity.formats.mjcf_joints import Shared, own_nodes
 from jaxgrity.formats.mjcf_losses import bounces, name_of, watched
+from jaxgrity.formats.mjcf_solids import lose_length
+from jaxgrity.formats.mjcf_touched import LEAST_FRICTION, as_found, friction_of, rod_geoms
 from jaxgrity.model.bodies import Body
+from jaxgrity.model.friction import friction_at_nodes
 from jaxgrity.model.rod_contact import with_contact_along_struts
 from jaxgrity.model.rods import free_pairs, rods_of
 from jaxgrity.model.scene import Scene
@@ -71,16 +74,29 @@ def touching_along_rods(
     known = {geom: number[rod[:2]] for geom, rod in rods.items() if rod[:2] in number}
     # of geoms between the same nodes the thickest touches
     if along := dict(sorted((known[geom], radius) for geom, radius in found.along.items() if geom in known)):
-        scene = with_contact_along_struts(scene, 1, tuple(along), list(along.values()))
+        parts = 2 if len(found.solids) > 1 else 1  # such as edges of two steps
+        scene = with_contact_along_struts(scene, parts, tuple(along), list(along.values()))
+    if found.solids:
+        for geom in found.along:
+            if geom not in known and model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_SPHERE:
+                lose_length(model, geom, losses)
     radius = {geom: rods[geom].radius for geom in known}
-    return _with_pairs(model, data, scene, (known, radius), size, losses)
+    return _with_pairs(model, data, scene, (known, radius), (size, set(found.solids)), losses)
 
 
 def _with_pairs(
-    model: Any, data: Any, scene: Scene, rods: tuple[dict[int, int], dict[int, float]], size: float, losses: Losses
+    model: Any,
+    data: Any,
+    scene: Scene,
+    rods: tuple[dict[int, int], dict[int, float]],
+    sizes: tuple[float, set[int]],
+    losses: Losses,
 ) -> Scene:
-    """The scene, in which rods touch each other: numbers of geoms' `rods`, and radii, m."""
-    known, radius = rods
+    """The scene, in which rods touch each other: numbers of geoms' `rods`, and radii, m.
+
+    `sizes` are the robot's, m, and the geoms that are its ground beside the plane.
+    """
+    (known, radius), (size, ground) = rods, sizes
     free, given = set(map(frozenset, free_pairs(scene.structure))), _given(model)
     pairs = {
         (a, b): both
@@ -89,7 +105,7 @@ def _with_pairs(
     }
     struts = scene.structure.struts
     soft = scene.ground is None and struts is not None and not struts.rigid
-    met, between = _met(model, data, losses), dict[Pair, _Met]()
+    met, between = _met(model, data, ground, losses), dict[Pair, _Met]()
     own = {pair: _coefficients(scene, [known[geom] for geom in pair]) for pair in pairs}
     for pair in dict.fromkeys((*met, *pairs)):
         each = met.get(pair) or given.get(pair) or _by_rule(model, *pair)
@@ -153,15 +169,14 @@ def _by_rule(model: Any, a: int, b: int) -> _Met:
     first, second = (model.geom_priority[geom] for geom in (a, b))
     geoms = [a, b] if first == second else [a if first > second else b]
     friction = np.max(model.geom_friction[geoms], axis=0)[[0, 0, 1, 2, 2]]
-    springs = model.geom_solref[geoms]
-    worst = springs[int(np.argmax([bounces(each) for each in springs]))]  # as they may mix
-    return _Met(np.inf, (int(max(model.geom_condim[geoms])), friction, float(max(model.geom_margin[[a, b]])), worst))
+    springs, weights = model.geom_solref[geoms], np.maximum(model.geom_solmix[geoms], mujoco.mjMINVAL)
+    mixed = weights @ springs / weights.sum() if np.all(springs[:, 0] > 0) else springs.min(0)
+    return _Met(np.inf, (int(max(model.geom_condim[geoms])), friction, float(max(model.geom_margin[[a, b]])), mixed))
 
 
 def _coefficients(scene: Scene, rods: list[int]) -> np.ndarray:
     """Friction coefficients of the ends of two rods."""
-    mu = np.zeros(len(scene.structure.nodes)) + (0.0 if scene.friction is None else scene.friction.sliding_mu)
-    edges = rods_of(scene.structure)
+    mu, edges = friction_at_nodes(scene.friction, len(scene.structure.nodes)), rods_of(scene.structure)
     return mu[[node for k in rods for node in edges[k]]]
 
 
@@ -179,10 +194,11 @@ def _check_friction(model: Any, pair: Pair, each: _Met, own: np.ndarray, sizes: 
         losses.lose("friction", f"geoms {names} touch each other with friction {mu:g}, where nodes have {here}")
 
 
-def _met(model: Any, data: Any, losses: Losses) -> dict[Pair, _Met]:
+def _met(model: Any, data: Any, ground: set[int], losses: Losses) -> dict[Pair, _Met]:
     """Which geoms of different bodies touch each other, at the start or while MuJoCo moves the robot for a while."""
     body, found = _bodies(model), dict[Pair, _Met]()
     plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+    plane[[*ground]] = True
     masks = np.stack([model.geom_contype, model.geom_conaffinity, body, model.geom_bodyid], 1)
     standing = np.unique(masks[(body == 0) & ~plane], axis=0)
     moving = np.unique(masks[body != 0], axis=0)

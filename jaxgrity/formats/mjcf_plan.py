@@ -14,6 +14,7 @@ from jaxgrity.model.actuation import Gait, rest_length
 from jaxgrity.model.bodies import Bodies
 from jaxgrity.model.clusters import cables_of
 from jaxgrity.model.contact_twin import penalty_twin
+from jaxgrity.model.friction import friction_at_nodes
 from jaxgrity.model.scales import length_scale
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.slides import check_no_slides
@@ -130,7 +131,7 @@ def plan_of(scene: Scene) -> tuple[Plan, list[str]]:
 
 
 def _frictions(scene: Scene) -> dict[int, float]:
-    mu = np.zeros(1) if scene.friction is None else np.asarray(scene.friction.sliding_mu, float)
+    mu = friction_at_nodes(scene.friction, len(scene.structure.nodes))
     return dict(enumerate(mu.tolist())) if np.ptp(mu) else {}
 
 

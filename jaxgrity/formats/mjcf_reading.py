@@ -143,7 +143,7 @@ def _imported(model: Any, losses: Losses, keyframe: str) -> Imported:
         terms=(*laws_of(pulling, cables, notes), *hinges),
     )
     touching = touching_along_rods(model, data, scene, (x, carrier, shared), found, losses)
-    upright = turned_upright(model, touching, found.normal, losses)
+    upright = turned_upright(model, touching, found, losses)
     return Imported(upright, together(["SI units, z up, as in MuJoCo", *notes]))
 
 

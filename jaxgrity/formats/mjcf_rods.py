@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxgrity.formats.foreign import add_element
 from jaxgrity.formats.links import Link
+from jaxgrity.formats.mjcf_ground import parts_of_ground
 from jaxgrity.formats.mjcf_plan import Plan, geom_friction
 from jaxgrity.model.rod_contact import radii_along_struts
 from jaxgrity.model.rods import rods_of
@@ -44,9 +45,9 @@ def written_rods(scene: Scene, plan: Plan, links: list[Link]) -> WrittenRods:
     bodies = scene.structure.bodies
     owners = [None] * scene.structure.first_cable + [n for n, body in enumerate(bodies) for _ in body.rods]
     rods, found, left = rods_of(scene.structure), dict[tuple[int, bool], WrittenRod](), set[int]()
-    plane = scene.ground is not None and scene.ground.surface is None
+    ground = bool(parts_of_ground(scene))
     law = strut_contact(scene)
-    wanted = {(k, True): radius + plan.larger for k, radius in radii_along_struts(scene).items() if plane}
+    wanted = {(k, True): radius + plan.larger for k, radius in radii_along_struts(scene).items() if ground}
     if law is not None:
         for pair, radii in zip(law.between.pairs, np.asarray(law.between.radius, float).tolist()):
             wanted |= {(k, False): radius for k, radius in zip(pair, radii)}

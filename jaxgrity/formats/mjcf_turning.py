@@ -7,25 +7,28 @@ import numpy as np
 
 from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import Losses
-from jaxgrity.formats.mjcf_losses import gravity_of
+from jaxgrity.formats.mjcf_contact import GroundFound
+from jaxgrity.formats.mjcf_losses import gravity_of, name_of
+from jaxgrity.formats.mjcf_solids import UPRIGHT, moved, set_outside, surface_of
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.surface import Slope
 
-UPRIGHT = 1e-9
-"""Largest component of a unit vector that counts as 0."""
 Z = np.array([0.0, 0.0, 1.0])
 
 
-def turned_upright(model: Any, scene: Scene, normal: np.ndarray, losses: Losses) -> Scene:
-    """The scene, turned so that gravity is along -z and the plane with this unit `normal`, if any, falls along x.
+def turned_upright(model: Any, scene: Scene, found: GroundFound, losses: Losses) -> Scene:
+    """The scene, turned so that gravity is along -z and the plane that was `found`, if any, falls along x.
+
+    What else stands is turned, too, and becomes part of the ground.
 
     Raises `InputError` where gravity does not press on the plane, or a node slides along axes that would turn too.
     """
     g = gravity_of(model)
     up = -np.asarray(model.opt.gravity, float) / g if g else Z
-    turn = _onto(up, Z)
-    if scene.ground is not None:
-        normal = turn @ normal
+    turn, normal = _onto(up, Z), Z
+    if scene.ground is not None and found.normal is not None:
+        normal = turn @ found.normal
         if normal[2] <= UPRIGHT:
             raise InputError(f"the plane's normal is {normal.round(4).tolist()}, z against gravity; expected z > 0")
         if abs(normal[1]) > UPRIGHT:
@@ -36,7 +39,19 @@ def turned_upright(model: Any, scene: Scene, normal: np.ndarray, losses: Losses)
         losses.note("robot and plane are turned: gravity is along -z here, and the plane's normal in the x-z plane")
     elif not np.allclose(turn, np.eye(3), rtol=0, atol=UPRIGHT):
         losses.note("the robot is turned: gravity is along -z here")
-    return _turned(scene, turn, normal)
+    scene = _turned(scene, turn, normal)
+    if not found.solids or not isinstance(scene.ground, ExactGround):
+        return scene
+    plane = None if found.normal is None else Slope(scene.ground.incline)
+    try:
+        surface = surface_of(plane, [moved(solid, -found.lift, turn) for solid in found.solids.values()])
+    except InputError as error:
+        geoms = ", ".join(name_of(model, "geom", geom) for geom in found.solids)
+        losses.lose("contact", f"the world's {'plane and ' * bool(plane)}geoms {geoms}, parts from 0: {error}")
+        return scene if plane else dataclasses.replace(scene, ground=None, friction=None)
+    losses.note(f"{len(found.solids)} boxes, balls and cylinders of the world are parts of the ground")
+    ground = dataclasses.replace(scene.ground, incline=0.0, surface=surface)
+    return set_outside(dataclasses.replace(scene, ground=ground), losses)
 
 
 def _onto(start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Scenes as MuJoCo models (MJCF), and the controls by which a gait moves one."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -10,8 +10,9 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.formats.foreign import add_element, has_strength
 from jaxgrity.formats.links import THICKNESS, WORLD, Link, LinkJoint, axis_of, joints_between, links_of, safe_step
+from jaxgrity.formats.mjcf_ground import add_ground, largest_friction
 from jaxgrity.formats.mjcf_hinges import WINDING, joint_attributes
-from jaxgrity.formats.mjcf_losses import CONTACT_TIME, contact_spring
+from jaxgrity.formats.mjcf_losses import CONTACT_TIME
 from jaxgrity.formats.mjcf_members import add_members, written_limit
 from jaxgrity.formats.mjcf_plan import Plan, geom_friction, plan_of
 from jaxgrity.formats.mjcf_rods import WrittenRods, add_pairs, add_rod, written_rods
@@ -101,12 +102,12 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     up = np.array([0.0, 0.0, 1.0]) if scene.up is None else np.asarray(scene.up, float)
     add_element(root, "option", timestep=step, integrator=integrator, gravity=(-g * up + 0.0).tolist(), cone="elliptic")
     world = add_element(root, "worldbody")
-    notes += _ground(world, scene, plan, CONTACT_TIME * scale)
+    notes += add_ground(world, scene, plan, CONTACT_TIME * scale)
     drag = np.zeros(len(plan.node_mass)) if scene.node_damping is None else np.asarray(scene.node_damping, float)
     in_bodies = {node for link in links for node in link.nodes}
     capsules = written_rods(scene, plan, links)
     notes += _bodies(root, world, plan, links, step, scene, capsules)
-    add_pairs(root, plan, capsules, _largest_friction(scene), [CONTACT_TIME * scale, 1.0])
+    add_pairs(root, plan, capsules, largest_friction(scene), [CONTACT_TIME * scale, 1.0])
     notes += [f"{capsules.left} rods that touch are springs there, and touch at their ends"] if capsules.left else []
     if any(len({plan.friction.get(node) for node in rod.ends}) > 1 for rod in capsules.each):
         which = "the larger coefficient of their two ends, and each other with the mean of their ends"
@@ -127,28 +128,6 @@ def mujoco_model(scene: Scene, timestep: float | None = None, integrator: str = 
     notes += ["strength of members is left out"] if has_strength(scene.structure) else []
     notes += ["supports do not move there"] if scene.shaking is not None else []
     return MuJoCoModel(ElementTree.tostring(root, encoding="unicode") + "\n", tuple(notes), plan.actuated)
-
-
-def _ground(world: ElementTree.Element, scene: Scene, plan: Plan, time: float) -> list[str]:
-    if scene.ground is None:
-        return []
-    if scene.ground.surface is not None:
-        return ["the ground is no plane, and is left out"]
-    mu = min(plan.friction.values(), default=_largest_friction(scene))
-    n = scene.ground.normal
-    at = [-plan.larger * axis for axis in n]
-    bounce, own = getattr(scene.ground, "restitution", None), time != CONTACT_TIME
-    flags: dict[str, Any] = {"contype": 0, "conaffinity": 1, "priority": 1, "friction": [mu, 0.0, 0.0]}
-    if own or bounce is not None:
-        flags["solref"] = [time, 1.0] if bounce is None else contact_spring(float(bounce), time)
-    add_element(world, "geom", name="ground", type="plane", size=[0, 0, 1], zaxis=list(n), pos=at, **flags)
-    which = "the friction coefficients of the nodes" if plan.friction else "the friction coefficient of the scene"
-    stiffness = "the time constant of its default at the robot's size" if own else "its default stiffness"
-    return [f"contact is MuJoCo's own: soft, with {stiffness}, and with {which}"]
-
-
-def _largest_friction(scene: Scene) -> float:
-    return 0.0 if scene.friction is None else float(np.max(scene.friction.sliding_mu))
 
 
 def _held(scene: Scene, links: list[Link]) -> set[int]:

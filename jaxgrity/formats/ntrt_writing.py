@@ -13,6 +13,7 @@ from jaxgrity.formats.foreign import positive
 from jaxgrity.formats.matlab import beside_the_structure
 from jaxgrity.formats.ntrt import DECIMETRE, GROUND_FRICTION
 from jaxgrity.io.files import write_whole
+from jaxgrity.model.friction import friction_at_nodes
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure, edge_lengths
 
@@ -96,10 +97,10 @@ def _solids(scene: Scene, x: np.ndarray, unit: float) -> Iterator[tuple[str, tup
     if (balls := getattr(scene.ground, "balls", None)) is not None:
         own = np.asarray(balls.radius, float) / unit
         radius[list(balls.nodes)] = np.where(own > 0, own, radius[list(balls.nodes)])
-    mu = None if scene.friction is None else np.zeros(len(x)) + scene.friction.sliding_mu
+    mu = friction_at_nodes(scene.friction, len(x))
 
     def friction(*nodes: int) -> dict[str, float]:
-        return {} if mu is None else {"friction": float(mu[[*nodes]].mean()) / GROUND_FRICTION}
+        return {} if scene.friction is None else {"friction": float(mu[[*nodes]].mean()) / GROUND_FRICTION}
 
     edges = () if structure.struts is None else structure.struts.edges
     for k, (i, j) in enumerate(edges):
@@ -129,7 +130,7 @@ def _notes(scene: Scene) -> tuple[str, ...]:
         ends = np.asarray(scene.structure.node_mass, float)[np.asarray(struts.edges, int)].any()
         if ends or (cables is not None and cables.mass is not None):
             said.append("masses of nodes and cables are spread along the rods there, which turn more easily")
-        mu = np.zeros(len(scene.structure.nodes)) + (0 if scene.friction is None else scene.friction.sliding_mu)
+        mu = friction_at_nodes(scene.friction, len(scene.structure.nodes))
         if np.ptp(mu[np.asarray(struts.edges, int)], axis=1).any():
             said.append("rods have the mean friction coefficient of their two ends there")
     return (*said, *beside_the_structure(dataclasses.replace(scene, friction=None)))

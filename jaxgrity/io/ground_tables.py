@@ -106,18 +106,14 @@ class SplineTable(Table, tag="spline", tag_field="kind"):
         return HeightMap(np.array(self.coefficients, float), np.array(self.corner), np.array(self.spacing))
 
 
-SurfaceTable = BumpsTable | StairsTable | BowlTable | HeightsTable | WavesTable | SplineTable
-"""Tables of the surfaces that may take the place of the plane."""
-
-
 class BoxTable(Table, tag="box", tag_field="kind"):
     centre: Point
     size: Sizes
-    turn: float = 0.0
+    turn: float | Point = 0.0
     rounding: NotNegative = 0.0
 
     def surface(self, folder: Path) -> Surface:
-        return Box(np.array(self.centre), np.array(self.size), self.turn, self.rounding)
+        return Box(np.array(self.centre), np.array(self.size), np.array(self.turn), self.rounding)
 
 
 class SphereTable(Table, tag="sphere", tag_field="kind"):
@@ -136,3 +132,9 @@ class CylinderTable(Table, tag="cylinder", tag_field="kind"):
 
     def surface(self, folder: Path) -> Surface:
         return Cylinder(np.array(self.start), np.array(self.end), self.radius, self.rounding)
+
+
+ObstacleTable = BoxTable | SphereTable | CylinderTable
+"""Tables of solids on the ground."""
+SurfaceTable = BumpsTable | StairsTable | BowlTable | HeightsTable | WavesTable | SplineTable | ObstacleTable
+"""Tables of the surfaces that may take the place of the plane."""

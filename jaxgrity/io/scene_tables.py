@@ -7,7 +7,7 @@ from msgspec import Meta
 
 from jaxgrity.io.added import AddedTable
 from jaxgrity.io.bodies import BodyTable, HingeTable, SlideTable
-from jaxgrity.io.ground_tables import BoxTable, CylinderTable, SphereTable, SurfaceTable
+from jaxgrity.io.ground_tables import ObstacleTable, SurfaceTable
 from jaxgrity.io.member_tables import CablesTable, StrutsTable, TouchingKeys
 from jaxgrity.io.structure_tables import StructureTable
 from jaxgrity.io.table_types import NotNegative, Number, Positive, Seed, Share, Table
@@ -45,7 +45,7 @@ class GroundTable(Table):
     balls: BallsKeys | None = None
     along_struts: AlongStrutsKeys | None = None
     surface: SurfaceTable | None = None
-    obstacles: list[BoxTable | SphereTable | CylinderTable] = []
+    obstacles: list[ObstacleTable] = []
 
 
 class FrictionTable(Table):

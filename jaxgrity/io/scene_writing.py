@@ -203,7 +203,7 @@ def _surface(surface: Surface) -> SurfaceTable:
         return StairsTable(**_numbers(surface), steps=surface.steps)
     if type(surface) is Sphere and surface.hollow and list(surface.centre) == [0.0, 0.0, float(surface.radius)]:
         return BowlTable(float(surface.radius))
-    for kind, table in ((HeightWaves, WavesTable), (HeightMap, SplineTable)):
+    for kind, table in ((HeightWaves, WavesTable), (HeightMap, SplineTable), *OBSTACLES.items()):
         if type(surface) is kind:
             return table(**_numbers(surface))
     raise _no_key("ground.surface", surface)

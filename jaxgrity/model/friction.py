@@ -38,6 +38,11 @@ class Friction(eqx.Module):
         """Friction coefficient of sliding nodes."""
 
 
+def friction_at_nodes(friction: Friction | None, nodes: int) -> np.ndarray:
+    """(nodes,), `sliding_mu` of each node; 0 without friction."""
+    return np.zeros(nodes) + (0.0 if friction is None else np.asarray(friction.sliding_mu, float))
+
+
 class SmoothFriction(Friction):
     """F_t = -mu F_n v_t / sqrt(|v_t|^2 + eps^2): Coulomb's law, smoothed below a slip speed of about eps."""
 

@@ -1,6 +1,7 @@
 """Solids with closed-form signed distances: balls and bowls, boxes, cylinders, stairs."""
 
-from typing import ClassVar
+import itertools
+from typing import ClassVar, cast
 
 import equinox as eqx
 import jax
@@ -11,12 +12,15 @@ from jaxgrity.core.arguments import check_count, check_each
 from jaxgrity.core.elementwise import larger, magnitude, smaller
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import positive_part
-from jaxgrity.core.types import AnyArray, PerNode, Scalar, as_float
+from jaxgrity.core.types import AnyArray, PerNode, Scalar, Vector, as_float, namespace_of
 from jaxgrity.model.surface import Surface, length_of
 
 EDGE = 1e-12
 """Distance, as a fraction of a solid's size, at which a vertical line beside it still meets its edge: room for
 rounding."""
+
+CORNERS = np.array([*itertools.product((-1.0, 1.0), repeat=3)])
+"""Corners of a cube about the origin."""
 
 
 class Sphere(Surface):
@@ -49,33 +53,55 @@ class Sphere(Surface):
 
 
 class Box(Surface):
-    """An upright block, turned about the vertical; its edges may be rounded."""
+    """A block, turned about the vertical or about any axis; its edges may be rounded."""
 
     centre: AnyArray = eqx.field(converter=as_float)
     """(3,), centre, m"""
     size: AnyArray = eqx.field(converter=as_float)
     """(3,), size along its own axes, m"""
-    turn: Scalar = eqx.field(converter=as_float, default=0.0)
-    """turn about z, from x towards y, rad"""
+    turn: Scalar | Vector = eqx.field(converter=as_float, default=0.0)
+    """turn about z, from x towards y, rad; or (3,), about any axis: a vector along it, of the angle's size, rad"""
     rounding: Scalar = eqx.field(converter=as_float, default=0.0)
     """radius of its edges, m"""
 
     def __check_init__(self):
         check_each("box.centre", self.centre, shape=(3,))
         check_each("box.size", self.size, shape=(3,), above=0.0, unit="m")
-        check_each("box.turn", self.turn, shape=())
+        check_each("box.turn", self.turn, shape=(3,) if np.ndim(self.turn) else ())
         _check_rounding("box", self.rounding, self.size)
 
+    @property
+    def axes(self) -> AnyArray:
+        """(3, 3), its own three axes, unit vectors in rows."""
+        xp, upright = namespace_of(self.turn), np.ndim(self.turn) == 0
+        x, y, z = (0.0, 0.0, self.turn) if upright else cast(AnyArray, self.turn)
+        square = x * x + y * y + z * z
+        angle = xp.sqrt(xp.where(square > 0, square, 1.0))
+        a, b = (xp.where(square > 0, way, 1.0) for way in (xp.sin(angle) / angle, (1 - xp.cos(angle)) / angle**2))
+        cross = xp.stack([xp.stack(row) for row in ((0 * x, z, -y), (-z, 0 * y, x), (y, -x, 0 * z))])
+        return xp.eye(3, dtype=cross.dtype) + a * cross + b * cross @ cross
+
+    @property
+    def corners(self) -> AnyArray:
+        """(8, 3), m."""
+        return self.centre + (CORNERS * self.size / 2) @ self.axes
+
     def level(self, x, y, z):
-        ways = (*self._turned(x, y), z - self.centre[2])
+        if np.ndim(self.turn):
+            away = (x - self.centre[0], y - self.centre[1], z - self.centre[2])
+            ways = [sum(n * d for n, d in zip(axis, away)) for axis in self.axes]
+        else:
+            ways = [*self._turned(x, y), z - self.centre[2]]
         return _beyond_faces([magnitude(way) - side / 2 for way, side in zip(ways, self.size)], self.rounding)
 
     def height(self, x, y):
+        if np.ndim(self.turn):
+            return _from_above(self, x, y, self.centre[2], jnp.linalg.norm(self.size) / 2)
         beyond = [jnp.maximum(abs(a) - s / 2 + self.rounding, 0) for a, s in zip(self._turned(x, y), self.size)]
         return self.centre[2] + self.size[2] / 2 - _fall(jnp.hypot(*beyond), self.rounding)
 
     def _turned(self, x, y):
-        """Coordinates along the box's two level axes, from its centre."""
+        """Coordinates along the two level axes of an upright box, from its centre."""
         x, y, cosine, sine = x - self.centre[0], y - self.centre[1], jnp.cos(self.turn), jnp.sin(self.turn)
         return cosine * x + sine * y, cosine * y - sine * x
 

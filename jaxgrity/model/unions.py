@@ -68,7 +68,7 @@ class Union(Surface):
 
 def _hint(part: Surface) -> str:
     """Text of a box with the same top that reaches further down, as a proposal."""
-    if not isinstance(part, Box):
+    if not isinstance(part, Box) or np.ndim(part.turn):
         return ""
     size = np.asarray(part.size, float)
     lower, longer = np.asarray(part.centre, float) - [0, 0, size[2] / 2], size * [1, 1, 2]
@@ -109,16 +109,14 @@ def _met(surface: Surface, points: AnyArray) -> tuple[AnyArray, AnyArray]:
 def _faces(part: Surface) -> tuple[np.ndarray, np.ndarray, float] | None:
     """Points on the flat faces of a solid, (points, 3), normals there, and its size, m; None for other surfaces."""
     if isinstance(part, Box):
-        half, turn = np.asarray(part.size, float) / 2, float(part.turn)
+        half, axes = np.asarray(part.size, float) / 2, np.asarray(part.axes, float)
         a, b = (x.ravel() for x in np.meshgrid(INNER, INNER))
         points, normals = [], []
         for axis, side in itertools.product(range(3), (-1.0, 1.0)):
             points.append(np.insert(np.stack([a, b], 1), axis, side, axis=1) * half)
             normals.append(np.tile(side * np.eye(3)[axis], (len(a), 1)))
-        cosine, sine = np.cos(turn), np.sin(turn)
-        turned = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
-        at = np.concatenate(points) @ turned.T + np.asarray(part.centre, float)
-        return at, np.concatenate(normals) @ turned.T, float(half.max())
+        at = np.concatenate(points) @ axes + np.asarray(part.centre, float)
+        return at, np.concatenate(normals) @ axes, float(half.max())
     if isinstance(part, Cylinder):
         start, end = np.asarray(part.start, float), np.asarray(part.end, float)
         axis = (end - start) / np.linalg.norm(end - start)

@@ -196,8 +196,8 @@ def _solid(part: Box | Cylinder | Sphere) -> Any:
     if isinstance(part, Sphere):
         ball = trimesh.creation.icosphere(subdivisions=3, radius=float(part.radius))
         return ball.apply_translation(np.asarray(part.centre, float))
-    turned = trimesh.transformations.rotation_matrix(float(part.turn), [0, 0, 1])
-    turned[:3, 3] = np.asarray(part.centre, float)
+    turned = np.eye(4)
+    turned[:3, :3], turned[:3, 3] = np.asarray(part.axes, float).T, np.asarray(part.centre, float)
     return trimesh.creation.box(np.asarray(part.size, float), transform=turned)
 
 

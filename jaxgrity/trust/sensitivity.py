@@ -25,8 +25,8 @@ SHARED_FRAMES = 128
 MOST_VARIED = 64
 """Largest number of derivatives that are all computed if each step solves for all impulses at once. Beyond, the cost
 of such robots would grow with the square of their size."""
-DIRECTIONS = 32
-"""Number of random directions that estimate the norm of more derivatives, to about 1/sqrt(2 * 32), an eighth."""
+DIRECTIONS = 16
+"""Number of random directions that estimate the norm of more derivatives, to about 1/sqrt(2 * 16), a sixth."""
 
 
 class Sensitivity(NamedTuple):

@@ -209,7 +209,7 @@ def test_a_pyramid_of_friction_is_named(read):
 BALL = '<geom type="sphere" size="SIZE" pos="0.{k} 0.3 0.2" mass="0" MASKS/>'
 MEETING = 'contype="2" conaffinity="2"'
 BOX = '<geom type="box" size="0.01 0.01 0.01" pos="{a}" mass="0"/>'
-STEP = '<geom type="box" size="1 1 0.1" pos="1 0 0" contype="1"/>'
+HILL = '<geom type="ellipsoid" size="1 1 0.1" pos="1 0 0" contype="1"/>'
 MOVED = '<body mocap="true" pos="1 0 0"><geom type="box" size="1 1 0.1" contype="1"/></body>'
 FLOOR, TENDON, SPRING = 'size="1 1 1"', 'name="c0"', 'stiffness="400"'
 SERVO = '<position tendon="c0" kp="100"/>'
@@ -226,7 +226,7 @@ REFUSED = {
     ),
     "corners": (prism(geoms=UNTOUCHED + BOX), "contact", "where its body has no site"),
     "one end": (prism(geoms=UNTOUCHED + BALLS.split("/>")[1] + "/>"), "contact", "touches nothing, but nodes touch"),
-    "a step": (prism().replace("<body", STEP + "<body", 1), "contact", "bodies touch what stands beside the plane"),
+    "a hill": (prism().replace("<body", HILL + "<body", 1), "contact", "bodies touch what stands beside the plane"),
     "a moved step": (
         prism().replace("<body", MOVED + "<body", 1), "contact", "bodies touch what stands beside the plane",
     ),

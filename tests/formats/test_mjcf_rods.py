@@ -159,3 +159,15 @@ def test_dropped_pairs_do_not_touch(read):
         found = read(text, drop=["contact"])
         assert strut_contact(found.scene) is None
         assert any("dropped" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(("solmix", "pairs"), [(0.1, 3), (9.0, 1)])
+def test_springs_of_rods_that_have_not_met_are_mixed_as_in_mujoco(solmix, pairs, read):
+    """A third rod, far away, would bounce; beside the others its spring counts by its weight, and none bounces then."""
+    third = f"""<body pos="0 3 0.3"><freejoint/>
+<geom name="t" type="capsule" size="0.02" fromto="0 -0.3 0 0 0.3 0" mass="0.5" solref="0.001 0.2" solmix="{solmix}"/>
+<site name="g" pos="0 0.3 0"/><site name="h" pos="0.01 0 0"/><site name="i" pos="0 -0.3 0.01"/></body></worldbody>"""
+    cable = '<tendon><spatial stiffness="1" springlength="0 9"><site site="a"/><site site="g"/></spatial>'
+    text = TWO.format(mu=0.5).replace("</worldbody>", third).replace("<tendon>", cable)
+    text = text.replace('size="2 2 .1"', 'size="2 2 .1" priority="1"')
+    assert len(strut_contact(read(text).scene).between.pairs) == pairs

@@ -197,13 +197,40 @@ def test_a_limit_that_is_reached_is_refused_with_what_to_write(tmp_path):
     """A soft stop; one that the robot does not reach is left out with a note."""
     limited = [*TENDONS[:2], ("w b0", 'limited="true" range="0 {}"')]
     text = model(POINT, limited)
-    said = 'limited to 0 to 3 m, a soft stop; a cable that is slack below it has springlength="0 3" and a stiffness'
+    said = 'limited to 0 to 3 m, a soft stop that resists accelerations, too; .* has springlength="0 3" stiffness='
     with pytest.raises(InputError, match=said):
         found(tmp_path, text.format(3))
     notes = found(tmp_path, text.format(9)).notes
     assert any(
         "9 m there, not reached within 0.5 s at constant controls, and not at all here" in note for note in notes
     )
+
+
+HANGING = """<mujoco><option timestep="1e-4"/><worldbody><site name="w" pos="0 0 1"/><site name="v" pos="1 0 0.51"/>
+<body pos="0 0 0.51"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>
+<joint type="slide" axis="0 0 1"/><geom size="0.02" mass="0.4"/><site name="a"/></body></worldbody>
+<tendon><spatial {} ><site site="w"/><site site="a"/></spatial>
+<spatial stiffness="1" springlength="0 2"><site site="v"/><site site="a"/></spatial></tendon></mujoco>"""
+
+
+@pytest.mark.parametrize("solref", ["0.02 1", "-400 -15"])
+def test_the_spring_that_is_named_for_a_limit_is_as_long_at_rest_and_swings_otherwise(solref, tmp_path):
+    """A mass hangs on each of them in MuJoCo. That they swing differently is why a limit is not read as the spring."""
+    limit = f'limited="true" range="0 0.5" solreflimit="{solref}" solimplimit="0.9 0.9 0.001"'
+    with pytest.raises(InputError) as caught:
+        found(tmp_path, HANGING.format(limit))
+    spring = re.search('springlength="0 0.5" stiffness="[^"]*" damping="[^"]*"', str(caught.value)).group()
+    assert found(tmp_path, HANGING.format(spring)).scene.structure.cables is not None
+    lengths = []
+    for attributes in (limit, spring):
+        model = mujoco.MjModel.from_xml_string(HANGING.format(attributes))
+        data, each = mujoco.MjData(model), []
+        for _ in range(30_000):
+            mujoco.mj_step(model, data)
+            each.append(data.ten_length[0] - 0.5)
+        lengths.append(np.array(each))
+    np.testing.assert_allclose(lengths[1][-5000:].mean(), lengths[0][-5000:].mean(), rtol=0.02)
+    assert np.abs(lengths[0] - lengths[1])[:1000].max() > 0.2 * lengths[0].max()
 
 
 def test_cables_that_a_gait_moves_keep_their_dampers(reference, tmp_path):

@@ -18,6 +18,11 @@ def with_ground(line, scene="reference"):
         ('surface = { kind = "stairs", rise = 0.1, run = 0.3, steps = 2, start = 0.5 }', [0.0, 0.1, 0.2]),
         ('surface = { kind = "bowl", radius = 2.0 }', [0.0, 2 - np.sqrt(4 - 0.36), 2 - np.sqrt(4 - 0.81)]),
         ('obstacles = [{ kind = "box", centre = [0.6, 0, 0], size = [0.2, 1, 0.4] }]', [0.0, 0.2, 0.0]),
+        (
+            'obstacles = [{ kind = "box", centre = [0.6, 0, 0], size = [0.2, 0.4, 1], turn = [1.5707963268, 0, 0] }]',
+            [0.0, 0.2, 0.0],
+        ),
+        ('surface = { kind = "box", centre = [0.5, 0, 0], size = [2, 2, 0.2] }', [0.1, 0.1, 0.1]),
         ('obstacles = [{ kind = "sphere", centre = [0.9, 0, 0], radius = 0.1 }]', [0.0, 0.0, 0.1]),
         (
             'obstacles = [{ kind = "cylinder", start = [0.6, -1, 0], end = [0.6, 1, 0], radius = 0.1 }]',
@@ -62,7 +67,7 @@ def test_a_picture_is_ground_as_seen_from_above(tmp_path):
     [
         (
             'surface = { kind = "sand" }',
-            "kind = 'sand': expected 'bumps', 'stairs', 'bowl', 'heights', 'waves' or 'spline'",
+            "kind = 'sand': expected 'bumps', 'stairs', 'bowl', 'heights', 'waves', 'spline', 'box', ",
         ),
         ('surface = { kind = "bowl", radius = 0 }', "ground.surface.radius = 0: expected a number > 0"),
         (

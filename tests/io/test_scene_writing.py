@@ -121,6 +121,7 @@ incline = 0.1
 restitution = 0.3
 obstacles = [
     { kind = "box", centre = [1, 0, 0], size = [1, 1, 1], turn = 0.1, rounding = 0.05 },
+    { kind = "box", centre = [5, 0, 0], size = [1, 2, 1], turn = [0.1, 0.7, -0.3] },
     { kind = "sphere", centre = [0, 1, 0], radius = 0.2 },
     { kind = "cylinder", start = [0, 0, 0], end = [0, 1, 0], radius = 0.2 },
 ]

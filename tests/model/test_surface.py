@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import jaxtyping
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from jaxgrity import (
     Box,
@@ -32,6 +33,7 @@ SURFACES = {
     "bowl": Sphere(np.array([0.0, 0.0, 2.0]), 2.0, hollow=True),
     "box": BOX,
     "sharp box": Box(BOX.centre, BOX.size),
+    "tilted box": Box(BOX.centre, BOX.size, np.array([0.3, -0.7, 0.5]), 0.05),
     "log": Cylinder(np.array([-1.0, 0.0, 0.2]), np.array([1.0, 0.5, 0.3]), 0.25),
     "post": Cylinder(np.array([0.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.5]), 0.3, rounding=0.1),
     "stairs": Stairs(0.15, 0.3, 4, start=-0.3, turn=0.5, rounding=0.02),
@@ -111,6 +113,18 @@ def test_height_is_where_the_signed_distance_vanishes(name):
         assert np.all(measured(name)(q + np.array([0, 0, further]))[0] > 0)
 
 
+def test_a_box_is_turned_as_a_body_is():
+    """About any axis, by SciPy's rotation of its vector; a number turns it about z."""
+    way, q = np.array([0.3, -0.7, 0.5]), points()
+    tilted = Box(BOX.centre, BOX.size, way)
+    np.testing.assert_allclose(tilted.axes, Rotation.from_rotvec(way).as_matrix().T, atol=1e-15)
+    straight = Box(np.zeros(3), BOX.size)
+    back = Rotation.from_rotvec(way).inv().apply(q - BOX.centre)
+    np.testing.assert_allclose(tilted.signed_distance(q), straight.signed_distance(back), atol=1e-14)
+    upright = Box(BOX.centre, BOX.size, np.array([0, 0, 0.4]), 0.05)
+    np.testing.assert_allclose(upright.signed_distance(q), BOX.signed_distance(q), atol=1e-15)
+
+
 def test_a_height_map_goes_through_its_heights():
     """And beyond its edge, level, on."""
     heights = np.random.default_rng(1).normal(size=(5, 7))
@@ -175,6 +189,7 @@ def test_a_gradient_in_the_terrain_is_that_of_finite_differences(central_differe
             lambda: Cylinder([0, 0, 0], [0, 0, 0.1], 0.5, rounding=0.3),
             "cylinder.rounding = 0.3: expected a radius from 0 to half of its smallest side",
         ),
+        (lambda: Box(np.zeros(3), np.ones(3), np.zeros(2)), r"box.turn has shape \(2,\); expected \(3,\)"),
         (lambda: Box(np.zeros(3), np.ones(3), rounding=0.6), "box.rounding = 0.6: expected a radius from 0 to half"),
         (lambda: Cylinder(np.zeros(3), np.zeros(3), 1.0), "expected two points apart"),
         (lambda: Stairs(0.1, 0.3, steps=0), "stairs.steps = 0: expected a whole number, at least 1"),
