@@ -135,7 +135,7 @@ def words(record: Record) -> str:
     told = {
         "contact": lambda row: row["contact"],
         "method": called,
-        "seed": lambda row: row["seed"],
+        "seed": lambda row: str(row["seed"]),
     }
     cells = {name: cell for name, cell in told.items() if len({cell(row) for row in record["rows"]}) > 1}
     cells |= {
