@@ -48,7 +48,7 @@ SCALE = np.array([0.15] * 4 + [0.1] * 4 + [0.1, 0.1, 0.15])
 """of the numbers that are trained, about how far each may move at first"""
 OPEN, FEEDBACK, SURE, TRAINED, PREDICTIVE = "open loop", "feedback", "sure-footed", "trained", "predictive"
 LEARNED, CLIMBED = "PPO", "SHAC"
-CLIMBING = LearningConfig(robots=64, decisions=16, symmetric=False)
+CLIMBING = LearningConfig(robots=64, decisions=16)
 """As in `short_horizon.py`, with the settings that were best there."""
 CLIMBING_TIME = 60.0
 """Processor time of each of these policies, s."""
