@@ -16,8 +16,10 @@ from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
 from jaxgrity.model.contact_twin import exact_twin, is_exact
 from jaxgrity.model.friction import ConeFriction
+from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.inertia import with_mass_at_ends
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.strut_contact import without_strut_contact
 from jaxgrity.populations.population import one_gait
 from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.report.gait_report import FILES, Origin, write_report
@@ -170,7 +172,8 @@ def changed_words(scene: Scene, config: SearchConfig) -> str:
 def faster_words(scene: Scene, name: str) -> str:
     """How the search may take a fraction of its time, in words; none where sweeps solve the robot, or nothing helps.
 
-    On exact contact, on which searches evolve gaits, sweeps do not solve rods with mass, and may fail at much friction.
+    On exact contact, on which searches evolve gaits, sweeps do not solve rods with mass, nor balls and rods
+    that touch between their ends, and may fail at much friction.
     """
     try:
         exact = scene if is_exact(scene) else exact_twin(scene)
@@ -184,6 +187,10 @@ def faster_words(scene: Scene, name: str) -> str:
         ways = [*ways, (dataclasses.replace(exact, friction=smooth), way)]
         ways.append((dataclasses.replace(light, friction=smooth), f"{ways[0][1]}, and {way}"))
 
+    thin = "no [touching], and no balls and along_struts in [ground] (nodes alone then touch it, and rods pass through)"
+    thinner = [(_touching_as_points(variant), f"{way}, and {thin}") for variant, way in ways]
+    ways += [(_touching_as_points(exact), thin), *thinner]
+
     def together(scene: Scene) -> bool:
         return is_coupled(scene, SolverOptions(), default_method(scene), True)
 
@@ -191,6 +198,14 @@ def faster_words(scene: Scene, name: str) -> str:
     if not found:
         return ""
     return f"This robot's impulses are solved all at once, several times slower than by sweeps. Faster: {found[0]}.\n\n"
+
+
+def _touching_as_points(scene: Scene) -> Scene:
+    """The scene, whose nodes touch the ground as points, and whose rods touch nothing between their ends."""
+    scene = without_strut_contact(scene)
+    if not isinstance(scene.ground, ExactGround):
+        return scene
+    return dataclasses.replace(scene, ground=dataclasses.replace(scene.ground, capsules=None, balls=None))
 
 
 def told(settings: SearchSettings) -> dict[str, Any]:

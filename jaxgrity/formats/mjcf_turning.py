@@ -49,7 +49,7 @@ def turned_upright(model: Any, scene: Scene, found: GroundFound, losses: Losses)
         geoms = ", ".join(name_of(model, "geom", geom) for geom in found.solids)
         losses.lose("contact", f"the world's {'plane and ' * bool(plane)}geoms {geoms}, parts from 0: {error}")
         return scene if plane else dataclasses.replace(scene, ground=None, friction=None)
-    losses.note(f"{len(found.solids)} boxes, balls and cylinders of the world are parts of the ground")
+    losses.note(f"{len(found.solids)} solids of the world (boxes, balls, cylinders) are parts of the ground")
     ground = dataclasses.replace(scene.ground, incline=0.0, surface=surface)
     return set_outside(dataclasses.replace(scene, ground=ground), losses)
 

@@ -50,7 +50,7 @@ from jaxgrity.cli.search import (
 from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.formats import load_trajectory
-from jaxgrity.model import rigid_body
+from jaxgrity.model import rigid_body, with_contact_between_struts
 from jaxgrity.search import EvaluationConfig, Progress, SearchSpace, robot_motions
 
 ROOT = Path(__file__).parents[2]
@@ -437,6 +437,11 @@ def test_a_search_says_how_it_would_be_faster():
     assert "Faster: [friction] mu below 1.\n" in faster_words(rough, "robot.toml")
     both = faster_words(replace(rough, structure=replace(rough.structure, struts=struts_of_mass(rough))), "robot.toml")
     assert "--mass-at-ends (rods are then harder to turn), and [friction] mu below 1.\n" in both
+    meeting = with_contact_between_struts(load_scene("exact"), 0.01)
+    thin = "no [touching], and no balls and along_struts in [ground] (nodes alone then touch it, and rods pass through)"
+    assert f"Faster: {thin}" in faster_words(meeting, "robot.toml")
+    meeting = replace(meeting, structure=replace(meeting.structure, struts=struts_of_mass(meeting)))
+    assert f"--mass-at-ends (rods are then harder to turn), and {thin}" in faster_words(meeting, "robot.toml")
     spine = load_scene("exact")
     held = replace(spine, structure=replace(spine.structure, fixed=((0, "xyz"),)))
     assert faster_words(held, "robot.toml") == ""

@@ -117,7 +117,7 @@ def test_solids_are_read_and_written(read, tmp_path):
     assert kinds == [Box, Box, Sphere, Cylinder, Cylinder, Box]  # that of another body comes last
     turns = [np.ndim(part.turn) for part in scene.ground.surface.solids if isinstance(part, Box)]
     assert turns == [0, 1, 0]
-    assert "6 boxes, balls and cylinders of the world are parts of the ground" in notes
+    assert "6 solids of the world (boxes, balls, cylinders) are parts of the ground" in notes
     save_scene(scene, tmp_path / "scene.toml")
     written = save_mjcf(scene, tmp_path / "written.xml")
     model = mujoco.MjModel.from_xml_string(text)
