@@ -12,7 +12,7 @@ from jaxgrity import Scene, bumps, load_scene, with_error
 from jaxgrity.control import Environment, environment, load_policy, policy_names, trials
 
 ROLLS = 0.3
-"""Mean progress from which an episode counts as rolling, m/s: a third of what such policies reach."""
+"""Mean progress from which an episode counts as rolling, m/s: a fifth of what such policies reach."""
 
 
 @measurement(page="environments.md", quick={"episodes": 2, "names": ("speed",)})
