@@ -92,7 +92,9 @@ def resumed(env: Environment, config: LearningConfig, settings: TrainSettings) -
     try:
         return eqx.tree_deserialise_leaves(settings.out / "learner.eqx", first)
     except (OSError, EOFError, RuntimeError, ValueError) as error:
-        raise InputError(f"{settings.out}: nothing to resume; expected an earlier run with the same robot") from error
+        raise InputError(
+            f"{settings.out}: nothing to resume; expected an earlier run of this version with the same robot"
+        ) from error
 
 
 def learned(

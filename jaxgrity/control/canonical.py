@@ -8,6 +8,7 @@ equivariant: in all others it does the same, by other motors and in another dire
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -17,18 +18,20 @@ import numpy as np
 
 from jaxgrity.control.environments import Environment
 from jaxgrity.control.sensors import Observation, turning_pairs
+from jaxgrity.control.tasks import Task
 from jaxgrity.core.errors import InputError
 from jaxgrity.core.primitives import inverse, length
 from jaxgrity.core.types import AnyArray
-from jaxgrity.model.law_symmetry import keeps
 from jaxgrity.model.laws import Symmetry
 from jaxgrity.model.scene import Scene
-from jaxgrity.model.symmetry import symmetries
+from jaxgrity.model.symmetry import kept_by, symmetries
 
 NO_TURN, BY_DIRECTION, BY_POSE = "", "direction", "pose"
 """Turns about the vertical: none; so that the wanted direction is +x; or, without one, to the built pose."""
 SOME_ANGLE = 1.0
 """An angle about the vertical, rad: what stays the same after it does so after all."""
+SAME_ROBOT = 0.1
+"""Largest difference of the directions of struts, as built, of two robots that a policy takes for one: 6 degrees."""
 
 
 class Exchange(NamedTuple):
@@ -57,28 +60,50 @@ class CanonicalPose(eqx.Module):
     """of all symmetries; the identity first"""
     turned: str = eqx.field(static=True)
     """one of `NO_TURN`, `BY_DIRECTION`, `BY_POSE`"""
+    members: tuple[int, ...] = eqx.field(static=True)
+    """that the actions are for"""
 
     @property
     def shape(self) -> dict[str, Any]:
-        """All from which `empty` makes a pose with the same shapes: numbers of parts, and the turn."""
+        """All from which `empty` makes a pose with the same shapes: numbers of parts, the turn, and the members."""
         way = self.exchange
-        parts = {name: getattr(way, name).shape[1] for name in ("turning", "cables", "nodes", "motors")}
-        return parts | {"symmetries": len(way.mirror), "turned": self.turned}
+        parts = {name: getattr(way, name).shape[1] for name in ("turning", "cables", "nodes")}
+        return parts | {"symmetries": len(way.mirror), "turned": self.turned, "members": self.members}
 
     @staticmethod
-    def empty(turning: int, cables: int, nodes: int, motors: int, symmetries: int, turned: str) -> "CanonicalPose":
-        """A pose whose arrays a file fills."""
-        sizes = (turning, turning, None, cables, nodes, motors)
+    def empty(
+        turning: int, cables: int, nodes: int, symmetries: int, turned: str, members: Sequence[int]
+    ) -> "CanonicalPose":
+        """A pose whose arrays a file fills. Raises `ValueError` for an unknown turn."""
+        if turned not in (NO_TURN, BY_DIRECTION, BY_POSE):
+            raise ValueError(turned)
+        sizes = (turning, turning, None, cables, nodes, len(members))
         kinds = (jnp.int32, jnp.float32, jnp.float32, jnp.int32, jnp.int32, jnp.int32)
         shapes = ((symmetries,) if size is None else (symmetries, size) for size in sizes)
         way = Exchange(*(jnp.zeros(shape, kind) for shape, kind in zip(shapes, kinds)))
-        return CanonicalPose(jnp.zeros((turning, 3), jnp.float32), way, turned)
+        return CanonicalPose(jnp.zeros((turning, 3), jnp.float32), way, turned, tuple(members))
+
+    def misfit(self, environment: Environment) -> str | None:
+        """What of an environment is not of the robot, or the kind of task, that this pose is of; None: nothing.
+
+        Robots may differ a little, by `SAME_ROBOT`, and in all but their shape: masses, ground, motors.
+        """
+        if self.members != environment.plant.members:
+            return f"it moves members {list(self.members)}, and the environment {list(environment.plant.members)}"
+        built = _built(environment.scene)
+        if built.shape != self.built.shape or np.abs(built - np.asarray(self.built)).max(initial=0) > SAME_ROBOT:
+            return "it is of a robot of another shape"
+        without = environment.task.towards == "anywhere"
+        if self.turned != NO_TURN and (self.turned == BY_POSE) != without:
+            return f"it learned a task {'with' if without else 'without'} a wanted direction"
+        return None
 
     def seen(self, observation: AnyArray) -> tuple[AnyArray, AnyArray]:
         """The observation in the canonical pose, and the number of the symmetry that leads there.
 
         `observation` is that of an environment: see `sensed`.
         """
+        built, exchange = jax.lax.stop_gradient((self.built, self.exchange))
         told = self._parts(observation)
         directions, spins = told.directions, told.spins
         wanted: AnyArray = told.place
@@ -86,11 +111,12 @@ class CanonicalPose(eqx.Module):
             (size,), (along,) = _polar(wanted[None])
             directions, spins = (_turned(x, along) for x in (directions, spins))
             wanted = jnp.stack([size, jnp.zeros_like(size)])
-        all_ways = jax.vmap(_exchanged, (None, 0))(directions, self.exchange)
-        fit, along = self._fits(all_ways)
+        all_ways = jax.vmap(_exchanged, (None, 0))(directions, exchange)
+        fit, along = self._fits(built, all_ways)
         which = jnp.argmax(fit)
-        way = jax.tree.map(lambda x: x[which], self.exchange)
+        way = jax.tree.map(lambda x: x[which], exchange)
         directions, spins = all_ways[which], _spins_exchanged(spins, way)
+        wanted = wanted * jnp.stack([jnp.ones_like(way.mirror), way.mirror])
         if self.turned == BY_POSE:
             directions, spins = (_turned(x, along[which]) for x in (directions, spins))
         lengths, tensions = (x[way.cables] for x in (told.cable_lengths, told.tensions))
@@ -101,15 +127,15 @@ class CanonicalPose(eqx.Module):
         """The action of each motor, (actuators,), by one in the canonical pose of symmetry number `which`."""
         return action[jnp.argsort(self.exchange.motors, axis=1)[which]]
 
-    def _fits(self, directions: AnyArray) -> tuple[AnyArray, AnyArray]:
+    def _fits(self, built: AnyArray, directions: AnyArray) -> tuple[AnyArray, AnyArray]:
         """How near (symmetries, turning, 3) are to the built pose, (symmetries,), and where its +x is, (symmetries, 2).
 
         The turn that fits best has the tangent of sum (b × d)_z over sum (b·d of x and y).
         """
-        products = jnp.sum(self.built * directions, axis=1)
+        products = jnp.sum(built * directions, axis=1)
         if self.turned != BY_POSE:
             return products.sum(-1), products[:, :2]
-        crossed = self.built[:, 0] * directions[..., 1] - self.built[:, 1] * directions[..., 0]
+        crossed = built[:, 0] * directions[..., 1] - built[:, 1] * directions[..., 0]
         size, along = _polar(jnp.stack([products[:, 0] + products[:, 1], crossed.sum(1)], axis=-1))
         return size + products[:, 2], along
 
@@ -127,19 +153,31 @@ def canonical_pose(environment: Environment) -> CanonicalPose:
     """The pose in which policies of this environment see the robot. Without symmetry, each state is seen as it is.
 
     Left and right are exchanged, and the robot is turned, only where its ground, and all laws of the scene, stay as
-    they are. The ground's bumps of a task are random, so they count as level. A robot with supports is not turned.
+    they are. The ground's bumps of a task are random, so they count as level. A robot with supports is not turned. Of
+    the progress of a task of one's own nothing is known: there, nodes alone exchange their names.
     """
-    scene = _as_if_level(environment)
-    pairs = turning_pairs(scene.structure)
-    ways = [way for s in _kept(scene) if (way := _exchange(scene, environment.plant.members, pairs, s)) is not None]
-    together = Exchange(*(jnp.asarray(np.array(x)) for x in zip(*ways)))
-    nodes = np.asarray(scene.structure.nodes, float)
-    built = np.array([nodes[i] - nodes[j] for i, j in pairs]).reshape(-1, 3)
-    built = built / np.linalg.norm(built, axis=1, keepdims=True)
+    scene, task, members = _as_if_level(environment), environment.task, environment.plant.members
+    own = {type(law) for law in Scene(scene.structure).laws}
+    kept = kept_by(scene, [law for law in scene.laws if type(law) not in own])
+    held = scene.structure.fixed or scene.shaking is not None
+    first, known = _identity(scene), type(task).progressed is Task.progressed
+    ways = [first] if held else [s for s in _renamings(scene, first) if kept(s) and (known or s.matrix[1, 1] > 0)]
+    found = [way for s in ways if (way := _exchange(scene, members, s)) is not None]
+    together = Exchange(*(jnp.asarray(np.array(x)) for x in zip(*found)))
     turned = NO_TURN
-    if _turns(scene):
-        turned = BY_POSE if environment.task.towards == "anywhere" else BY_DIRECTION
-    return CanonicalPose(jnp.asarray(built, jnp.float32), together, turned)
+    if known and not held and kept(first._replace(matrix=_turn(SOME_ANGLE))):
+        if task.towards != "anywhere":
+            turned = BY_DIRECTION
+        elif type(task).wanted_direction is Task.wanted_direction:
+            turned = BY_POSE
+    return CanonicalPose(jnp.asarray(_built(scene), jnp.float32), together, turned, members)
+
+
+def _built(scene: Scene) -> np.ndarray:
+    """(turning, 3), directions of struts and bodies as built."""
+    nodes, pairs = np.asarray(scene.structure.nodes, float), turning_pairs(scene.structure)
+    vectors = np.array([nodes[i] - nodes[j] for i, j in pairs]).reshape(-1, 3)
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def _as_if_level(environment: Environment) -> Scene:
@@ -149,25 +187,19 @@ def _as_if_level(environment: Environment) -> Scene:
     return dataclasses.replace(scene, ground=dataclasses.replace(scene.ground, surface=None))  # type: ignore[call-arg]
 
 
-def _turns(scene: Scene) -> bool:
-    """Whether all stays as it is when the robot is turned about the vertical."""
-    cos, sin = np.cos(SOME_ANGLE), np.sin(SOME_ANGLE)
-    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return not scene.structure.fixed and scene.shaking is None and _keeps(scene, _identity(scene)._replace(matrix=turn))
+def _turn(angle: float) -> np.ndarray:
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _kept(scene: Scene) -> list[Symmetry]:
-    """Exchanges of names, with what they do in space: nothing, or y becomes -y."""
-    first = _identity(scene)
-    if scene.structure.fixed or scene.shaking is not None:
-        return [first]
+def _renamings(scene: Scene, first: Symmetry) -> list[Symmetry]:
+    """Exchanges of names, with what they do in space: nothing, or y becomes -y. The identity is `first`."""
     try:
         found = symmetries(scene.structure)
     except InputError:  # positions do not say what is exchanged
         return [first]
     in_space = [np.diag([1.0, np.sign(np.linalg.det(s.matrix)), 1.0]) for s in found]
-    moved = [s._replace(matrix=matrix) for s, matrix in zip(found, in_space)]
-    return [s for s in moved if _keeps(scene, s)]
+    return [s._replace(matrix=matrix) for s, matrix in zip(found, in_space)]
 
 
 def _identity(scene: Scene) -> Symmetry:
@@ -176,16 +208,9 @@ def _identity(scene: Scene) -> Symmetry:
     return Symmetry(tuple(range(len(structure.nodes))), np.eye(3), tuple(range(members)))
 
 
-def _keeps(scene: Scene, symmetry: Symmetry) -> bool:
-    """Whether gravity, ground and all other laws beside the structure's own stay as they are."""
-    own = {type(law) for law in Scene(scene.structure).laws}
-    balls = None if scene.ground is None else scene.ground.balls
-    alike = balls is None or balls.turn_alike(scene.structure.bodies, symmetry.nodes)
-    return alike and all(keeps(law, scene)(symmetry) for law in scene.laws if type(law) not in own)
-
-
-def _exchange(scene: Scene, actuated: tuple[int, ...], pairs: Any, symmetry: Symmetry) -> Exchange | None:
+def _exchange(scene: Scene, actuated: tuple[int, ...], symmetry: Symmetry) -> Exchange | None:
     """What a symmetry does to readings; None where it moves what is read, or actuated, to what is not."""
+    pairs = turning_pairs(scene.structure)
     number = {pair: (k, 1.0) for k, pair in enumerate(pairs)} | {(j, i): (k, -1.0) for k, (i, j) in enumerate(pairs)}
     images = [number.get((symmetry.nodes[i], symmetry.nodes[j])) for i, j in pairs]
     members = [symmetry.members[k] for k in actuated]

@@ -247,6 +247,8 @@ def check_acting(environment: Environment, policy: Acting) -> None:
     """Raise `InputError` for a policy that takes no such observations, or whose actions are of another number."""
     if not callable(policy):
         raise InputError(f"policy = {policy!r}: expected a function of observations, as load_policy makes one")
+    if (pose := getattr(policy, "pose", None)) is not None and (misfit := pose.misfit(environment)) is not None:
+        raise InputError(f"policy: {misfit}; expected one that learned in such an environment")
     sees, size = getattr(getattr(policy, "network", None), "in_size", None), environment.observation_size
     if sees not in (None, size):
         raise InputError(f"policy: takes observations of {sees} numbers; expected {size}, those of the environment")

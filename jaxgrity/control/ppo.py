@@ -10,10 +10,12 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 
 from jaxgrity.control.learned import Learned, standardised
 from jaxgrity.core.arguments import check_count, check_number
+from jaxgrity.core.errors import InputError
 from jaxgrity.core.types import AnyArray
 
 AXIS = "robots"
@@ -63,6 +65,8 @@ class LearningConfig:
         check_count("depth", self.depth, 0)
         for name in ("discount", "trace", "entropy"):
             check_number(name, getattr(self, name), least=0.0, most=1.0)
+        if not isinstance(self.symmetric, bool | np.bool_):
+            raise InputError(f"symmetric = {self.symmetric!r}: expected True or False")
         for name in ("clip", "divergence"):
             check_number(name, getattr(self, name), above=0.0)
 

@@ -7,6 +7,7 @@ both sides meet is the distance of the rod from the edge. Where phi is smooth, b
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -41,6 +42,12 @@ class Capsules(eqx.Module):
     """number of equal parts of a strut, each of which touches edges by itself"""
     radius: AnyArray = eqx.field(converter=as_float)
     """(struts,), m"""
+
+    def keep(self, nodes: Sequence[int]) -> bool:
+        """Whether each strut takes the place of one as thick, where node i goes where nodes[i] was."""
+        radius = {frozenset(pair): r for pair, r in zip(zip(*self.ends), np.asarray(self.radius).tolist())}
+        images = {frozenset(nodes[k] for k in pair): r for pair, r in radius.items()}
+        return all(np.isclose(radius.get(pair, np.inf), r, rtol=1e-9, atol=0) for pair, r in images.items())
 
 
 class Nearest(NamedTuple):

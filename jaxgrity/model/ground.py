@@ -197,6 +197,9 @@ class ExactGround(Ground):
     def __check_init__(self):
         check_each("ground.restitution", self.restitution, shape=(), least=0.0, most=1.0)
 
+    def keeps(self, symmetry):
+        return super().keeps(symmetry) and (self.capsules is None or self.capsules.keep(symmetry.nodes))
+
     def laws(self):
         return (ExactContact(self),)
 

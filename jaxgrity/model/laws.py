@@ -39,8 +39,9 @@ class Symmetry(NamedTuple):
 
     @property
     def is_identity(self) -> bool:
-        """Whether every node stays in its place."""
-        return self.nodes == tuple(range(len(self.nodes)))
+        """Whether every node stays in its place, and nothing turns."""
+        still = self.nodes == tuple(range(len(self.nodes)))
+        return still and bool(np.allclose(self.matrix, np.eye(3), rtol=0, atol=SAME))
 
     def leaves(self, direction: tuple[float, float, float] | Vector) -> bool:
         """Whether it leaves a unit vector as it is, to `SAME`."""

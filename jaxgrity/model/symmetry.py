@@ -1,5 +1,7 @@
 """Rotations and mirrorings that map a structure on itself, and a gait on gaits that roll the same way elsewhere."""
 
+from collections.abc import Callable, Sequence
+
 import jax
 import numpy as np
 
@@ -7,7 +9,7 @@ from jaxgrity.core.errors import InputError
 from jaxgrity.core.typed import typed
 from jaxgrity.model.actuation import Gait
 from jaxgrity.model.law_symmetry import keeps
-from jaxgrity.model.laws import SAME, Symmetry, unchanged
+from jaxgrity.model.laws import SAME, Law, Symmetry, unchanged
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.structure import Structure
 
@@ -50,12 +52,18 @@ def standing_symmetries(scene: Scene) -> tuple[Symmetry, ...]:
     They map the start on itself, and a motion of the scene on another of its motions. Where supports move, only the
     identity is counted. Raises as `symmetries` does.
     """
-    rules = [keeps(law, scene) for law in scene.laws]
+    kept = kept_by(scene, scene.laws)
+    found = tuple(s for s in symmetries(scene.structure) if kept(s))
+    return found if scene.shaking is None else found[:1]
+
+
+def kept_by(scene: Scene, laws: Sequence[Law]) -> Callable[[Symmetry], bool]:
+    """Whether a symmetry leaves these laws of the scene as they are, and balls turning with the same bodies."""
+    rules = [keeps(law, scene) for law in laws]
     balls = None if scene.ground is None else scene.ground.balls
     if balls is not None:
         rules.append(lambda s: balls.turn_alike(scene.structure.bodies, s.nodes))
-    found = tuple(s for s in symmetries(scene.structure) if all(kept(s) for kept in rules))
-    return found if scene.shaking is None else found[:1]
+    return lambda symmetry: all(rule(symmetry) for rule in rules)
 
 
 @typed

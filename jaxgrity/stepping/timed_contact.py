@@ -19,6 +19,7 @@ from jaxgrity.core.types import AnyArray, NodeVectors, PerNode, Scalar, State
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.scales import length_scale, speed_scale
 from jaxgrity.model.scene import Scene
+from jaxgrity.model.slides import slides_of
 from jaxgrity.stepping.blocks import Components
 from jaxgrity.stepping.capsules import capsules_of
 from jaxgrity.stepping.complementarity import kick_of
@@ -54,6 +55,8 @@ def untimed(scene: Scene, coupled: bool) -> str | None:
     """What of a scene has no landings at their own time; None: nothing."""
     if capsules_of(scene) is not None or points_between(scene):
         return "contact along struts, or between them, has no landings at its own time"
+    if slides_of(scene) is not None:
+        return "landings of nodes that slide along rods have no time of their own"
     if not coupled and len(blocks_of(scene).groups) > 1:
         return "sweeps over struts that share nodes have no landings at their own time"
     ground = exact_ground(scene)

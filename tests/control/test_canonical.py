@@ -1,6 +1,7 @@
 """Policies do the same in all poses that symmetries and turns make alike, and where nothing is alike they know."""
 
 from dataclasses import replace
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -8,7 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxgrity import ExactGround, Scene, SolverOptions, Structure, load_scene
+from jaxgrity import (
+    ExactGround,
+    InputError,
+    Scene,
+    SolverOptions,
+    Sphere,
+    Structure,
+    load_scene,
+    with_contact_along_struts,
+)
 from jaxgrity.control import (
     LearningConfig,
     environment,
@@ -19,11 +29,14 @@ from jaxgrity.control import (
 )
 from jaxgrity.control.canonical import BY_DIRECTION, BY_POSE, NO_TURN, canonical_pose
 from jaxgrity.control.environments import sensed
-from jaxgrity.control.learned import untrained
+from jaxgrity.control.learned import check_acting, untrained
+from jaxgrity.control.tasks import Task
+from jaxgrity.model.laws import ForceLaw
 from jaxgrity.model.symmetry import symmetries
 
 SCENE = load_scene("exact")
 SYMMETRIES = symmetries(SCENE.structure)
+HILL = Sphere([0.0, 0.0, -5.0], 5.0)
 
 
 def turn_of(angle: float) -> np.ndarray:
@@ -57,13 +70,19 @@ def random_state(seed: int):
     return q, random.normal(size=q.shape), random.uniform(0, 0.5, len(SCENE.gait.members)), random.normal(size=2)
 
 
-@pytest.mark.parametrize("task", ["heading", "speed"])
-def test_policies_are_equivariant(task):
-    """Under every relabelling and mirror of the robot, with any turn: the same action, by the motors in the same place.
+ON_SLOPE = replace(SCENE, ground=ExactGround(incline=0.1))
+
+
+@pytest.mark.parametrize(
+    ("task", "scene", "turns"), [("heading", SCENE, True), ("speed", SCENE, True), ("heading", ON_SLOPE, False)]
+)
+def test_policies_are_equivariant(task, scene, turns):
+    """Under every relabelling and mirror of the robot, with any turn on level ground: the same action, by the motors in
+    the same place.
 
     A policy of a task without direction gets none.
     """
-    env = environment(task, SCENE)
+    env = environment(task, scene)
     policy = untrained(env, jax.random.key(0), 16, 2, 1, canonical_pose(env))
     assert len(policy.pose.exchange.mirror) == len(SYMMETRIES) == 24
     policy = eqx.tree_at(lambda p: p.network.layers[-1].weight, policy, replace_fn=lambda w: 100 * w)
@@ -75,7 +94,7 @@ def test_policies_are_equivariant(task):
 
     for k, symmetry in enumerate(SYMMETRIES):
         q, v, contraction, direction = random_state(k)
-        nodes, members, plane = moved(symmetry, angle=0.7 * k)
+        nodes, members, plane = moved(symmetry, angle=0.7 * k * turns)
         there = acts(nodes(q), nodes(v), members(contraction), plane(direction))
         here = acts(q, v, contraction, direction)
         np.testing.assert_allclose(there, members(here), atol=2e-5)
@@ -112,6 +131,30 @@ def sticky(scene: Scene) -> Scene:
     return replace(scene, friction=replace(scene.friction, mu=np.where(np.arange(12) == 3, 0.7, 0.5)))
 
 
+class EastWind(ForceLaw):
+    """A force along x, of which no rule says which symmetries keep it."""
+
+    name: ClassVar[str] = "east wind"
+    cause: ClassVar[str] = "east wind"
+
+    def force(self, motion, other_forces):
+        return jnp.stack([1 + motion.q[:, 2], 0 * motion.q[:, 0], 0 * motion.q[:, 0]], axis=1)
+
+
+class Spin(Task):
+    """A reward along y."""
+
+    def progressed(self, aim, before, place, period, average):
+        return (place - before)[1] / period, average
+
+
+class East(Task):
+    """A direction of its own, where none is asked for."""
+
+    def wanted_direction(self, aim, place):
+        return jnp.array([0.0, 1.0])
+
+
 def with_support(scene: Scene) -> Scene:
     s = scene.structure
     return replace(scene, structure=Structure(s.nodes, s.node_mass, s.struts, s.cables, fixed=((0, "xyz"),)))
@@ -124,17 +167,46 @@ def with_support(scene: Scene) -> Scene:
         (SCENE, "speed", 24, BY_POSE),
         (SCENE, "bumps", 24, BY_DIRECTION),
         (SCENE, "slope", 24, NO_TURN),
-        (replace(SCENE, ground=ExactGround(incline=0.1)), "speed", 24, NO_TURN),
+        (ON_SLOPE, "speed", 24, NO_TURN),
+        (replace(SCENE, terms=(EastWind(),)), "speed", 24, NO_TURN),
+        (SCENE, Spin("anywhere"), 12, NO_TURN),
+        (SCENE, East("anywhere"), 24, NO_TURN),
+        (with_contact_along_struts(replace(SCENE, ground=ExactGround(surface=HILL)), 1, (0,)), "speed", 1, NO_TURN),
         (heavier(SCENE), "speed", 2, BY_POSE),
         (sticky(SCENE), "speed", 2, BY_POSE),
         (with_support(SCENE), "speed", 1, NO_TURN),
     ],
-    ids=["goal", "speed", "bumps", "slope", "own slope", "heavier node", "sticky node", "support"],
+    ids=[
+        *("goal", "speed", "bumps", "slope", "own slope", "own law", "own progress", "own direction", "hill"),
+        *("heavier node", "sticky node", "support"),
+    ],
 )
 def test_only_what_is_alike_counts(scene, task, count, turned):
     """24 symmetries of 12 nodes: two of them leave a node in its place."""
     pose = canonical_pose(environment(task, scene))
     assert (len(pose.exchange.mirror), pose.turned) == (count, turned)
+
+
+def test_struts_that_touch_along_their_length_are_like_each_other_alone():
+    """One of six: 4 of 24 symmetries leave it in its place."""
+    rough = with_contact_along_struts(replace(SCENE, ground=ExactGround(surface=HILL)), 1, (0,)).ground
+    kept = [s for s in SYMMETRIES if rough.capsules.keep(s.nodes)]
+    assert len(kept) == 4
+
+
+def test_policies_of_other_robots_and_tasks_are_refused():
+    """Of the same size, which alone cannot tell."""
+    policy, env = load_policy("heading"), environment("heading", SCENE)
+    check_acting(env, policy)
+    check_acting(environment("heading", replace(ON_SLOPE, ground=ExactGround(incline=0.2))), policy)
+    gait = replace(SCENE.gait, members=tuple(reversed(SCENE.gait.members)))
+    with pytest.raises(InputError, match=r"moves members \[0, 1, 2, 3, 4, 5\].*\[5, 4, 3, 2, 1, 0\]"):
+        check_acting(environment("heading", replace(SCENE, gait=gait)), policy)
+    with pytest.raises(InputError, match="without a wanted direction"):
+        check_acting(env, load_policy("speed"))
+    nodes = np.asarray(SCENE.structure.nodes) * [1, 1, 1.3]
+    with pytest.raises(InputError, match="another shape"):
+        check_acting(environment("heading", replace(SCENE, structure=replace(SCENE.structure, nodes=nodes))), policy)
 
 
 def test_a_policy_in_single_precision_knows_all_symmetries():
