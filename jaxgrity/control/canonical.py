@@ -31,7 +31,7 @@ NO_TURN, BY_DIRECTION, BY_POSE = "", "direction", "pose"
 SOME_ANGLE = 1.0
 """An angle about the vertical, rad: what stays the same after it does so after all."""
 SAME_ROBOT = 0.1
-"""Largest difference of the directions of struts, as built, of two robots that a policy takes for one: 6 degrees."""
+"""Largest difference of the cosines between struts, as built, of two robots that a policy takes for one: 6 degrees."""
 
 
 class Exchange(NamedTuple):
@@ -90,9 +90,9 @@ class CanonicalPose(eqx.Module):
         """
         if self.members != environment.plant.members:
             return f"it moves members {list(self.members)}, and the environment {list(environment.plant.members)}"
-        built = _built(environment.scene)
-        if built.shape != self.built.shape or np.abs(built - np.asarray(self.built)).max(initial=0) > SAME_ROBOT:
-            return "it is of a robot of another shape"
+        shapes = [np.asarray(each) @ np.asarray(each).T for each in (_built(environment.scene), self.built)]
+        if shapes[0].shape != shapes[1].shape or np.abs(shapes[0] - shapes[1]).max(initial=0) > SAME_ROBOT:
+            return "it is of a robot whose struts have other directions"
         without = environment.task.towards == "anywhere"
         if self.turned != NO_TURN and (self.turned == BY_POSE) != without:
             return f"it learned a task {'with' if without else 'without'} a wanted direction"

@@ -28,7 +28,7 @@ from jaxgrity import (
     simulate_population,
     with_contact_along_struts,
 )
-from jaxgrity.model import rigid_body
+from jaxgrity.model import Slides, rigid_body
 from jaxgrity.stepping import discretise, resolve
 from jaxgrity.stepping.loop import Step, advance, carried_at
 from jaxgrity.stepping.power import ground_impulses, strut_impulses
@@ -282,7 +282,9 @@ def test_scenes_that_it_cannot_solve_are_refused():
     with pytest.raises(InputError, match=r"share nodes.*expected 'complementarity'"):
         resolve(shared, 1.0, replace(timed, coupled=False))
     assert resolve(shared, 1.0, timed).coupled
-    bead = replace(rod(), structure=Structure([[0.0, 0, 0.5], [1, 0, 0.5], [0.4, 0, 0.5]], np.ones(3), rod().structure.struts))
+    bead = replace(
+        rod(), structure=Structure([[0.0, 0, 0.5], [1, 0, 0.5], [0.4, 0, 0.5]], np.ones(3), rod().structure.struts)
+    )
     with pytest.raises(InputError, match=r"slide along rods.*expected 'complementarity'"):
         resolve(replace(bead, terms=(Slides((2,), ((0, 1),)),)), 1.0, timed)
     given = resolve(rod(), 1.0, timed)
