@@ -389,6 +389,7 @@ EXAMPLES = [
         divergence=(0.5, POSITIVE),
         width=(8, COUNT),
         depth=(2, INDEX),
+        symmetric=(True, OTHER),
     ),
 ]
 """one of each class; functions stand for what they make"""

@@ -121,7 +121,7 @@ def test_no_experiment_imports_what_is_not_public(path):
         ("design_study", ["--strut-force", "-1"], ["expected positive limits"]),
         ("hard_cases", ["--cases", "warp drive"], ["cases = 'warp drive': unknown", "drop from 10 m"]),
         ("hard_cases", ["--methods", "euler"], ["euler", "rk4, tsit5"]),
-        ("learning", ["--cases", "speed 8 1 0", "walk 8 2 0"], ["cases = 'walk 8 2 0'", "'speed 512 200 0'"]),
+        ("learning", ["--cases", "speed 8 1 0", "walk 8 2 0"], ["cases = 'walk 8 2 0'", "'speed 128 300 0'"]),
         ("learning", ["--cases", "heading 2"], ["cases = 'heading 2'"]),
         ("short_horizon", ["--cases", "exact PPO 8 0", "exact SAC 8 0"], ["'exact SAC 8 0'", "method = 'SAC'"]),
         ("keep_gait", ["--run", "missing", "--name", "mine"], ["missing/gait.json"]),
