@@ -271,8 +271,8 @@ class ExactContact(Constraint):
             rod, depth = self.ground.capsules.struts[part - len(q)], self.gaps(q, t)[part]
             return f"rod {rod} starts {depth:.3g} m in the ground between its ends; expected: above it, or on it"
         depth = -self.ground.measured(q).distance[part]
-        found = f"node {part} starts {depth:.3g} m below the ground"
-        return f"{found}; expected: on exact contact, on or above it, as from ground.set_down(positions, 0.0)"
+        wanted = "on exact contact, on or above it, as from ground.set_down(positions, 0.0)"
+        return f"node {part} starts {depth:.3g} m below the ground; expected: {wanted}"
 
 
 def contact_energy(ground: PenaltyGround, phi: PerNode) -> Scalar:
@@ -283,8 +283,7 @@ def contact_energy(ground: PenaltyGround, phi: PerNode) -> Scalar:
 def contact_dissipation(ground: PenaltyGround, v_n: PerNode, phi: PerNode) -> Scalar:
     """R = sum k_n pen (alpha/2 c^2 + v_n - c), W, with c = min(v_n, 1/alpha) and pen = max(0, -phi).
 
-    Its gradient with respect to v_n is k_n pen min(alpha v_n, 1): contact never pulls. Hunt and
-    Crossley 1975, doi:10.1115/1.3423596.
+    Its slope in v_n is k_n pen min(alpha v_n, 1): contact never pulls. Hunt and Crossley 1975, doi:10.1115/1.3423596.
     """
     alpha = ground.dissipation
     assert alpha is not None, "a ground without dissipation has no R"
@@ -297,6 +296,5 @@ def contact_dissipation(ground: PenaltyGround, v_n: PerNode, phi: PerNode) -> Sc
 def normal_force(ground: PenaltyGround, phi: PerNode, v_n: PerNode | None) -> PerNode:
     """Normal force F_n = -dU/dphi - dR/dv_n >= 0, N; friction is proportional to it. `v_n` matters with dissipation."""
     elastic: AnyArray = jax.grad(contact_energy, argnums=1)(ground, phi)
-    if ground.dissipation is None:
-        return -elastic
-    return -elastic - jax.grad(contact_dissipation, argnums=1)(ground, v_n, phi)
+    damped = 0.0 if ground.dissipation is None else jax.grad(contact_dissipation, argnums=1)(ground, v_n, phi)
+    return -elastic - damped
