@@ -2,15 +2,19 @@
 
 import dataclasses
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
+import jax
 import lazy_loader
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from jaxgrity.core.errors import InputError
 from jaxgrity.formats.foreign import Losses
 from jaxgrity.formats.mjcf_losses import SMALL, name_of
-from jaxgrity.model.rod_contact import lifted
+from jaxgrity.model.placing import down
+from jaxgrity.model.rod_contact import lifted, set_above, strut_distances
 from jaxgrity.model.scene import Scene
 from jaxgrity.model.solids import CORNERS, Box, Cylinder, Sphere
 from jaxgrity.model.surface import Slope, Surface
@@ -19,9 +23,9 @@ from jaxgrity.model.unions import TOUCHING, Union
 mujoco: Any = lazy_loader.load("mujoco")
 
 UPRIGHT = 1e-9
-"""Largest component of a unit vector that counts as 0."""
+"""Largest component of a unit vector that counts as 0. An axis is vertical if its level part is smaller."""
 DEPTHS = 0.5 ** np.arange(8)
-"""Shares of its size by which a box may reach into what it lies on, tried one after the other."""
+"""Shares of its length by which a solid may reach into what it lies on, tried one after the other."""
 
 
 def solid_of(model: Any, data: Any, geom: int) -> Surface:
@@ -39,7 +43,7 @@ def solid_of(model: Any, data: Any, geom: int) -> Surface:
 
 def _box(centre: np.ndarray, size: np.ndarray, axes: np.ndarray) -> Box:
     """With its axes in rows. It is an upright one, turned about z alone, where one of its axes is vertical."""
-    vertical = np.flatnonzero(np.abs(axes[:, 2]) > 1 - UPRIGHT)
+    vertical = np.flatnonzero(np.hypot(axes[:, 0], axes[:, 1]) < UPRIGHT)
     if not len(vertical):
         return Box(centre, size, Rotation.from_matrix(axes.T).as_rotvec())
     order = [*({0, 1, 2} - {int(vertical[0])}), int(vertical[0])]
@@ -61,8 +65,10 @@ def moved(solid: Surface, way: np.ndarray, turn: np.ndarray) -> Surface:
 def surface_of(plane: Slope | None, solids: list[Surface]) -> Surface:
     """The plane, if any, and solids as one surface.
 
-    A box that stands on the plane, or lies against another box, reaches into it here, so that no wall is between them.
-    The union keeps its shape. Raises `InputError` where two solids still have a part of a face in common.
+    A box or a cylinder that stands on the plane or on a box reaches into it here, so that no wall is between them. So
+    does a box beside another box. The union keeps its shape.
+
+    Raises `InputError` where two solids still have a part of a face in common.
     """
     parts = solids if plane is None else [plane, *(_into(solid, plane) for solid in solids)]
     for k in range(len(parts)):
@@ -71,49 +77,120 @@ def surface_of(plane: Slope | None, solids: list[Surface]) -> Surface:
     return parts[0] if len(parts) == 1 else Union(tuple(parts))
 
 
-def _into(box: Surface, other: Surface) -> Surface:
-    """A box, longer where one of its faces lies on another solid, as far as it stays within that one."""
-    if not isinstance(box, Box):
-        return box
-    size, axes = np.asarray(box.size, float), np.asarray(box.axes, float)
+def _into(solid: Surface, other: Surface) -> Surface:
+    """A solid, longer where one of its flat faces lies on another solid, as far as it stays within that one."""
     for axis, side in itertools.product(range(3), (-1.0, 1.0)):
-        centre, out = np.asarray(box.centre, float), side * axes[axis]
-        face = np.asarray(box.corners, float)[CORNERS[:, axis] == side]
-        within = TOUCHING * float(size.max())
+        flat = _face(solid, axis, side, other)
+        if flat is None:
+            continue
+        face, out, length, within = flat
         if _outside(other, face).max() > within or _outside(other, face.mean(0)[None])[0] < -within:
             continue
-        for deep in size[axis] * DEPTHS:
+        for deep in length * DEPTHS:
             if _outside(other, face + deep * out).max() <= within:
-                size[axis] += deep
-                box = dataclasses.replace(box, centre=centre + deep / 2 * out, size=size.copy())
+                solid = _longer(solid, axis, side, deep * out)
                 break
-    return box
+    return solid
+
+
+def _face(solid: Surface, axis: int, side: float, other: Surface) -> tuple[np.ndarray, np.ndarray, float, float] | None:
+    """A flat face: places on its rim (places, 3), m, that are the farthest outside of another solid; its outward
+    normal; the solid's length along it, m; and the gap that counts as touching, m. None where there is no such face.
+
+    Axis 2 of a cylinder is its own, and it has no faces on the others.
+    """
+    if isinstance(solid, Box):
+        size, axes = np.asarray(solid.size, float), np.asarray(solid.axes, float)
+        face = np.asarray(solid.corners, float)[CORNERS[:, axis] == side]
+        return face, side * axes[axis], size[axis], TOUCHING * float(size.max())
+    if not isinstance(solid, Cylinder) or float(solid.rounding) or axis != 2:
+        return None
+    away, end = (np.asarray(x, float) for x in (solid.start, solid.end)[:: int(side)])
+    length = float(np.linalg.norm(end - away))
+    out = (end - away) / length
+    # a disc reaches farthest along a normal of a plane where that normal points to within the disc
+    across = np.concatenate([_normals(other), np.eye(3)])
+    across -= np.outer(across @ out, out)
+    across = across[np.linalg.norm(across, axis=1) > UPRIGHT]
+    rim = float(solid.radius) * across / np.linalg.norm(across, axis=1)[:, None]
+    return end + np.concatenate([rim, -rim]), out, length, TOUCHING * length
+
+
+def _longer(solid: Surface, axis: int, side: float, way: np.ndarray) -> Surface:
+    """The box or cylinder of which the face of `_face` is moved by a `way`, m, outward."""
+    if isinstance(solid, Box):
+        size = np.asarray(solid.size, float) + np.linalg.norm(way) * np.eye(3)[axis]
+        return dataclasses.replace(solid, centre=np.asarray(solid.centre, float) + way / 2, size=size)
+    assert isinstance(solid, Cylinder), "the other kind with flat faces"
+    end = "end" if side > 0 else "start"
+    return dataclasses.replace(solid, **{end: np.asarray(getattr(solid, end), float) + way})
+
+
+def _normals(solid: Surface) -> np.ndarray:
+    """(k, 3), normals of a plane or, one for each axis, of a box; none of others."""
+    if isinstance(solid, Slope):
+        return np.array([[np.sin(solid.incline), 0.0, np.cos(solid.incline)]])
+    return np.asarray(solid.axes, float) if isinstance(solid, Box) else np.zeros((0, 3))
 
 
 def _outside(solid: Surface, x: np.ndarray) -> np.ndarray:
     """How far places (places, 3) are outside of a plane or a box, m, along its normals; infinite for others."""
     if isinstance(solid, Slope):
-        return x @ [np.sin(solid.incline), 0.0, np.cos(solid.incline)]
+        return x @ _normals(solid)[0]
     if isinstance(solid, Box):
-        along = (x - np.asarray(solid.centre)) @ np.asarray(solid.axes).T
+        along = (x - np.asarray(solid.centre)) @ _normals(solid).T
         return np.max(np.abs(along) - np.asarray(solid.size) / 2, axis=1)
     return np.full(len(x), np.inf)
 
 
-def set_outside(scene: Scene, losses: Losses) -> Scene:
-    """The scene, raised where it starts in its ground by little. Loses a start that is deeper."""
+def set_outside(scene: Scene, names: Sequence[str], losses: Losses) -> Scene:
+    """The scene, pushed out of its ground where it starts in it by little.
+
+    Loses a start that is deeper, and one that no push along normals of the ground ends: that is set on top. `names` are
+    those of the parts of the ground.
+    """
     assert scene.ground is not None, "with solids"
     q = np.asarray(scene.structure.nodes, float)
-    size, up = float(np.ptp(q, axis=0).max()), np.array([0.0, 0.0, 1.0])
-    raised = q + max(0.0, -float(scene.ground.measured(q).distance.min())) * up
-    raised = np.asarray(lifted(scene, raised, 0.0))
-    deep = float((raised - q)[:, 2].max())
-    if deep > SMALL * size:
+    size = float(np.ptp(q, axis=0).max())
+    outside = _pushed_out(scene, q, UPRIGHT * size)
+    if outside is None:
+        inside = ", ".join(name for name, part in zip(names, _parts(scene)) if _nearest(part, q) < 0)
+        losses.lose("contact", f"the robot starts inside {inside}, cannot be pushed out, and is set on top of it")
+        with jax.enable_x64(True):
+            outside = np.asarray(set_above(scene, jax.numpy.asarray(q), 0.0))
+    elif (deep := float(np.linalg.norm(outside[0] - q[0]))) > SMALL * size:
         losses.lose("contact", f"the robot starts {deep:.4g} m inside a solid of the world, and is pushed out of it")
     elif deep > UPRIGHT * size:
         losses.note(f"the robot starts {deep:.4g} m inside a solid of the world; here it starts on it")
-    structure = dataclasses.replace(scene.structure, nodes=raised if deep > 0 else q)
-    return dataclasses.replace(scene, structure=structure)
+    return dataclasses.replace(scene, structure=dataclasses.replace(scene.structure, nodes=outside))
+
+
+def _pushed_out(scene: Scene, q: np.ndarray, within: float) -> np.ndarray | None:
+    """Positions q, m, moved until no node or rod is deeper than `within`, m, in the ground; None if that fails."""
+    assert scene.ground is not None, "with solids"
+    try:
+        if scene.ground.measured(q).distance.min() < 0:
+            q, _ = down(q, 0.0, within, scene.ground.measured, plane=False)
+        q = np.asarray(lifted(scene, q, 0.0))
+    except InputError:
+        return None
+    return q if scene.ground.measured(q).distance.min() >= -within else None
+
+
+def _parts(scene: Scene) -> list[Scene]:
+    """The scene on each part of its ground alone."""
+    assert scene.ground is not None, "with solids"
+    assert scene.ground.surface is not None, "with solids"
+    grounds = [dataclasses.replace(scene.ground, surface=part) for part in scene.ground.surface.solids]
+    return [dataclasses.replace(scene, ground=ground) for ground in grounds]
+
+
+def _nearest(scene: Scene, q: np.ndarray) -> float:
+    """Distance of the nearest node or rod from the ground, m."""
+    assert scene.ground is not None, "with solids"
+    with jax.enable_x64(True):
+        rods = float(strut_distances(scene, jax.numpy.asarray(q)).min())
+    return min(rods, float(scene.ground.measured(q).distance.min()))
 
 
 def lose_length(model: Any, geom: int, losses: Losses) -> None:

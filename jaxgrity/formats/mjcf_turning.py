@@ -1,6 +1,7 @@
 """MuJoCo models whose gravity leans, or whose plane falls along another axis than x: turned into scenes."""
 
 import dataclasses
+import re
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from jaxgrity.model.scene import Scene
 from jaxgrity.model.surface import Slope
 
 Z = np.array([0.0, 0.0, 1.0])
+PART = re.compile(r"part (\d+) \(\w+\)")
+"""A part of a union, as errors say it."""
 
 
 def turned_upright(model: Any, scene: Scene, found: GroundFound, losses: Losses) -> Scene:
@@ -43,15 +46,16 @@ def turned_upright(model: Any, scene: Scene, found: GroundFound, losses: Losses)
     if not found.solids or not isinstance(scene.ground, ExactGround):
         return scene
     plane = None if found.normal is None else Slope(scene.ground.incline)
+    names = ["the plane"] * bool(plane) + [f"geom {name_of(model, 'geom', geom)}" for geom in found.solids]
     try:
         surface = surface_of(plane, [moved(solid, -found.lift, turn) for solid in found.solids.values()])
     except InputError as error:
-        geoms = ", ".join(name_of(model, "geom", geom) for geom in found.solids)
-        losses.lose("contact", f"the world's {'plane and ' * bool(plane)}geoms {geoms}, parts from 0: {error}")
+        what = PART.sub(lambda part: names[int(part[1])], str(error).removeprefix("union: "))
+        losses.lose("contact", f"the world: {what}")
         return scene if plane else dataclasses.replace(scene, ground=None, friction=None)
     losses.note(f"{len(found.solids)} solids of the world (boxes, balls, cylinders) are parts of the ground")
     ground = dataclasses.replace(scene.ground, incline=0.0, surface=surface)
-    return set_outside(dataclasses.replace(scene, ground=ground), losses)
+    return set_outside(dataclasses.replace(scene, ground=ground), names, losses)
 
 
 def _onto(start: np.ndarray, end: np.ndarray) -> np.ndarray:

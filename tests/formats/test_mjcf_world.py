@@ -8,6 +8,7 @@ from jaxgrity import ExactGround, InputError, SolverOptions, load_scene, save_sc
 from jaxgrity.formats import read_mjcf, save_mjcf
 from jaxgrity.model.solids import Box, Cylinder, Sphere, Stairs
 from jaxgrity.model.unions import Union
+from jaxgrity.stepping.starts import check_start
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -198,6 +199,8 @@ def with_step(**given):
 BLOCK = with_step().replace('name="n" type="sphere" size="0.02"', 'name="n" type="box" size="0.02 0.02 0.02"')
 MASKS = with_step(contype=2, conaffinity=2).replace('name="r"', 'name="r" conaffinity="3"')
 BRICKS = rod_on(FLOOR + STEP + STEP.replace("step", "brick").replace("0 0 0.1", "-0.3 -0.4 0.3"))
+TALL = with_step(size="0.1 0.5 2", pos="0.4 0 2")
+BETWEEN = with_step(size="0.03 0.5 2", pos="0.25 0 2")
 SHORT = with_step().replace('pos="0.25 0 0"', 'pos="0.2 0 0"')
 REFUSED = {
     "a hill": (with_step(type="ellipsoid"), "contact", "bodies touch what stands beside the plane"),
@@ -207,8 +210,10 @@ REFUSED = {
     "a margin": (with_step(margin=0.01), "contact", "has a margin of 0 m to geom floor"),
     "a box that moves": (BLOCK, "contact", "geom n: a box that moves touches geom step"),
     "inside": (with_step(pos="0 0 0.2"), "contact", "m inside a solid of the world"),
+    "an end in a pillar": (TALL, "contact", "the robot starts inside geom step, cannot be pushed out"),
+    "a rod through a pillar": (BETWEEN, "contact", "the robot starts inside geom step, cannot be pushed out"),
     "a capsule without sites": (SHORT, "contact", "touches the plane where its body has no site"),
-    "bricks": (BRICKS, "contact", "the world's plane and geoms step, brick, parts from 0: union: a face of part"),
+    "bricks": (BRICKS, "contact", "the world: a face of geom step lies on geom brick, and nodes"),
 }
 
 
@@ -220,6 +225,59 @@ def test_what_the_ground_cannot_be_is_refused(text, kind, reason, read):
     assert kind in str(caught.value).split("drop=")[1]
     found = read(text, drop=[kind, "contact"])
     assert any(note.startswith("dropped: ") and reason.split(": ")[-1] in note for note in found.notes)
+
+
+def test_a_cylinder_stands_on_the_plane_and_on_boxes(read):
+    """It reaches into them, at either end, also where they are turned; past the edge of a box it is refused."""
+    posts = """<geom type="cylinder" size="0.1 0.3" pos="1 0 0.3"/><geom type="cylinder" size="0.1 0.3" pos="-1 0 0.3"
+    euler="180 0 0"/><geom name="under" type="box" size="0.3 0.1 0.1" pos="2 0 0.1" euler="0 0 30"/>
+    <geom name="post" type="cylinder" size="{} 0.3" pos="2 0 0.5"/>"""
+    surface = read(rod_on(FLOOR + posts.format(0.0999))).scene.ground.surface
+    ends = [(np.asarray(each.start), np.asarray(each.end)) for each in surface.solids if isinstance(each, Cylinder)]
+    for end, foot, top in zip(ends, [0, 0, 0.2], [0.6, 0.6, 0.8]):
+        low, high = sorted(each[2] for each in end)
+        assert low < foot - 0.01
+        assert high == pytest.approx(top, abs=1e-12)
+    x, y = np.array([1.05, -1.05, 2.05, 1.3]), np.zeros(4)
+    np.testing.assert_allclose(np.asarray(surface.height(x, y)), [0.6, 0.6, 0.8, 0], atol=1e-9)
+    with pytest.raises(InputError, match="the world: a face of geom under lies on geom post"):
+        read(rod_on(FLOOR + posts.format(0.1001)))
+
+
+def test_a_box_that_leans_by_little_is_not_upright(read):
+    """4e-5 rad are 0.1 mm at 3 m."""
+    turn = f'quat="{np.cos(2e-5):.12f} 0 {np.sin(2e-5):.12f} 0"'
+    surface = read(rod_on(f'<geom type="box" size="3 3 0.1" {turn}/>')).scene.ground.surface
+    right = np.cos(4e-5) + 2.9 * np.sin(4e-5) - 0.1
+    np.testing.assert_allclose(np.asarray(surface.signed_distance(np.array([[2.9, 0, 1.0]]))), right, atol=1e-9)
+
+
+SIDEWAYS = {
+    "a wall": 'size="0.1 2 2" pos="-0.08995 0 2"',
+    "a steep ramp": 'size="1 2 0.05" pos="{:.8f} {} {:.8f}" euler="0 60 0"'.format(
+        *(PLACES[1] - (0.08 - 5e-5) * np.array([np.sqrt(0.75), 0, 0.5]))
+    ),
+    "a corner": 'size="0.1 2 2" pos="-0.08995 0 2"/><geom type="box" size="2 0.1 2" pos="0 -0.22995 2"',
+}
+
+
+@pytest.mark.parametrize("box", SIDEWAYS.values(), ids=SIDEWAYS)
+def test_a_small_start_inside_is_pushed_out_sideways(box, read):
+    """Along the normals of walls, until no node is inside; the robot moves by as little as it was inside."""
+    text = MODEL.format(mu=0.5, world=FLOOR + f'<geom type="box" {box}/>', bodies=NODES, tendons=SPRINGS)
+    scene, notes = read(text)
+    x = np.asarray(scene.structure.nodes)
+    assert any("inside a solid of the world; here it starts on it" in note for note in notes)
+    assert float(scene.ground.measured(x).distance.min()) >= -1e-9
+    assert np.linalg.norm(x - PLACES, axis=1).max() < 8e-5
+    check_start(scene)
+
+
+def test_a_start_that_no_push_mends_is_set_on_top(read):
+    scene, notes = read(BETWEEN, drop=["contact"])
+    assert any("inside geom step, cannot be pushed out, and is set on top of it" in note for note in notes)
+    assert np.asarray(scene.structure.nodes)[:, 2].max() > 4
+    check_start(scene)
 
 
 def test_a_small_start_inside_is_raised(read):
