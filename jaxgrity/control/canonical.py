@@ -30,6 +30,8 @@ NO_TURN, BY_DIRECTION, BY_POSE = "", "direction", "pose"
 """Turns about the vertical: none; so that the wanted direction is +x; or, without one, to the built pose."""
 SOME_ANGLE = 1.0
 """An angle about the vertical, rad: what stays the same after it does so after all."""
+STATES, PERIOD, AS_EQUAL = 16, 0.01, 1e-3
+"""Random states at which the progress of a task of one's own is compared, their period, s, and how nearly, m/s."""
 SAME_ROBOT = 0.1
 """Largest difference of the cosines between struts, as built, of two robots that a policy takes for one: 6 degrees."""
 
@@ -153,24 +155,44 @@ def canonical_pose(environment: Environment) -> CanonicalPose:
     """The pose in which policies of this environment see the robot. Without symmetry, each state is seen as it is.
 
     Left and right are exchanged, and the robot is turned, only where its ground, and all laws of the scene, stay as
-    they are. The ground's bumps of a task are random, so they count as level. A robot with supports is not turned. Of
-    the progress of a task of one's own nothing is known: there, nodes alone exchange their names.
+    they are, and so does the task's progress. The ground's bumps of a task are random, so they count as level. A robot
+    with supports is not turned.
     """
     scene, task, members = _as_if_level(environment), environment.task, environment.plant.members
     own = {type(law) for law in Scene(scene.structure).laws}
     kept = kept_by(scene, [law for law in scene.laws if type(law) not in own])
     held = scene.structure.fixed or scene.shaking is not None
-    first, known = _identity(scene), type(task).progressed is Task.progressed
-    ways = [first] if held else [s for s in _renamings(scene, first) if kept(s) and (known or s.matrix[1, 1] > 0)]
+    first, turn, mirrored = _identity(scene), _turn(SOME_ANGLE), _progress_kept(task, np.diag([1.0, -1.0, 1.0]))
+    ways = [first] if held else [s for s in _renamings(scene, first) if kept(s) and (mirrored or s.matrix[1, 1] > 0)]
     found = [way for s in ways if (way := _exchange(scene, members, s)) is not None]
     together = Exchange(*(jnp.asarray(np.array(x)) for x in zip(*found)))
     turned = NO_TURN
-    if known and not held and kept(first._replace(matrix=_turn(SOME_ANGLE))):
+    if not held and kept(first._replace(matrix=turn)) and _progress_kept(task, turn):
         if task.towards != "anywhere":
             turned = BY_DIRECTION
         elif type(task).wanted_direction is Task.wanted_direction:
             turned = BY_POSE
     return CanonicalPose(jnp.asarray(_built(scene), jnp.float32), together, turned, members)
+
+
+def _progress_kept(task: Task, matrix: np.ndarray) -> bool:
+    """Whether the task's progress is the same for a robot whose aim and way, and what is remembered, are turned or
+    mirrored: at random states, for a task of one's own."""
+    if type(task).progressed is Task.progressed:
+        return True
+    random, flat = np.random.default_rng(0), matrix[:2, :2]
+    for _ in range(STATES):
+        aim, average, before = (random.normal(size=n) for n in (2, 2, 3))
+        place = before + PERIOD * random.normal(size=3)
+        here, there = (
+            task.progressed(jnp.asarray(m @ aim), jnp.asarray(w @ before), jnp.asarray(w @ place), PERIOD, m @ average)[
+                0
+            ]
+            for m, w in ((np.eye(2), np.eye(3)), (flat, matrix))
+        )
+        if not np.allclose(here, there, rtol=AS_EQUAL, atol=AS_EQUAL):
+            return False
+    return True
 
 
 def _built(scene: Scene) -> np.ndarray:

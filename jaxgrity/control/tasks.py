@@ -104,6 +104,11 @@ def find_task(task: str | Task, scene: Scene) -> Task:
     negative, or with nothing `averaged` or `reached`. Its functions are tried on shapes alone.
     """
     if isinstance(task, Task):
+        own = type(task)
+        if own is not Task and own.wanted_direction is Task.wanted_direction and own.progressed is Task.progressed:
+            raise InputError(
+                f"{own.__name__}: has neither a wanted_direction nor a progressed of its own; expected one"
+            )
         if task.towards not in TOWARDS:
             raise InputError(f"task.towards = {task.towards!r}: expected one of {', '.join(TOWARDS)}")
         check_number("task.incline", task.incline, least=-np.pi / 2, most=np.pi / 2, unit="rad")
@@ -116,7 +121,9 @@ def find_task(task: str | Task, scene: Scene) -> Task:
         aim, place = jnp.zeros(2), jnp.zeros(3)
         found = _tried(task, "wanted_direction", task.wanted_direction, aim, place)
         if getattr(found, "shape", None) != (2,):
-            raise InputError(f"{type(task).__name__}.wanted_direction: returns {found}; expected shape (2,), x and y")
+            raise InputError(
+                f"{type(task).__name__}.wanted_direction: returns {found}; expected an array of shape (2,), x and y"
+            )
         found = _tried(
             task, "progressed", lambda *x: task.progressed(x[0], x[1], x[2], 0.01, x[3]), aim, place, place, aim
         )
@@ -140,7 +147,8 @@ def _tried(task: Task, name: str, function: Callable, *given: AnyArray) -> Any:
         return jax.eval_shape(function, *given)
     except Exception as error:
         what = f"{type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
-        raise InputError(f"{type(task).__name__}.{name}: {what}; expected a function as `Task.{name}`") from error
+        wanted = f"a function as `Task.{name}`, in JAX: `jnp.where` in place of `if`"
+        raise InputError(f"{type(task).__name__}.{name}: {what}; expected {wanted}") from error
 
 
 @typed

@@ -111,16 +111,16 @@ def rolling(scene: Scene, trajectory: Trajectory) -> Rolling:
     - "stays": its path is less than `STAYING` diameters wide.
     - "turns on the spot": its path is less than a diameter wide and goes round (`GOES_ROUND`), over more than one face.
     - "rocks": its path is less than a diameter wide. It returns to an earlier face or place (`COMING_BACK`).
-    - "slides": it changes face less than once for each diameter of its way, without balls that grip.
+    - "slides": it turns over less than once for each diameter of its way (not counting changes of face that take back
+      the one before), without balls that grip.
     - "rolls": all else, straight on or in circles.
 
     The support is the lowest face of the convex hull, by mean signed distance, once it has been so in every frame for
-    `LASTING`. Frames further apart than that miss changes of face. If a robot rattles, more frames show fewer changes.
-    Nodes touch the ground if phi < `Ground.touched_below`, and balls slip at the point where they touch. Contact and
-    slip are measured along the ground and its normal, displacement and path in x and y. Limits scale with the body.
-
-    Raises `InputError` as `faces` does, without ground, and for a failed trajectory. At least two frames have to follow
-    the gait's start, no further apart than twice the time for which a face has to last.
+    `LASTING`. Frames further apart miss changes of face. If a robot rattles, more frames show fewer changes. Nodes
+    touch the ground if phi < `Ground.touched_below`, and balls slip at the point where they touch. Contact and slip are
+    measured along the ground and its normal, displacement and path in x and y. Limits scale with the body. Raises
+    `InputError` as `faces` does, without ground, and for a failed trajectory. At least two frames have to follow the
+    gait's start, no further apart than twice the time for which a face has to last.
     """
     ground = scene.ground
     if ground is None:
@@ -220,17 +220,23 @@ def name_of_motion(
 ) -> str:
     """The kind by the thresholds of `rolling`, from a path (frames, 2) in diameters of the robot, and the faces in
     turn; `grips`: whether balls touch the ground, and mostly do not slip."""
-    wide, rolls = width(path), len(supports) - 1
+    wide = width(path)
     if airborne_share > HOPPING:
         return "hops"
     if wide < STAYING:
         return "stays"
     goes_round = _swept(path) > GOES_ROUND * np.pi * wide**2 / 4
-    if wide < 1 and rolls > 0 and goes_round:
+    if wide < 1 and len(supports) > 1 and goes_round:
         return "turns on the spot"
     if wide < 1 and (len(set(supports)) < len(supports) or (_further(path) < COMING_BACK * wide and not goes_round)):
         return "rocks"
-    return "slides" if rolls < _way(path) and not grips else "rolls"
+    return "slides" if _turned_over(supports) < _way(path) and not grips else "rolls"
+
+
+def _turned_over(supports: tuple[tuple[int, ...], ...]) -> int:
+    """The number of changes of face that do not take the change before back, as from A to B to A."""
+    back = sum(after == before for before, after in zip(supports, supports[2:]))
+    return max(0, len(supports) - 1 - back)
 
 
 def width(path: np.ndarray) -> float:

@@ -148,6 +148,14 @@ class Spin(Task):
         return (place - before)[1] / period, average
 
 
+class Stroll(Task):
+    """Along the heading, but not too fast: the same however it is turned."""
+
+    def progressed(self, aim, before, place, period, average):
+        along = jnp.dot((place - before)[:2] / period, aim)
+        return along - 2 * jnp.maximum(along - 0.5, 0), average
+
+
 class East(Task):
     """A direction of its own, where none is asked for."""
 
@@ -170,6 +178,7 @@ def with_support(scene: Scene) -> Scene:
         (ON_SLOPE, "speed", 24, NO_TURN),
         (replace(SCENE, terms=(EastWind(),)), "speed", 24, NO_TURN),
         (SCENE, Spin("anywhere"), 12, NO_TURN),
+        (SCENE, Stroll("heading"), 24, BY_DIRECTION),
         (SCENE, East("anywhere"), 24, NO_TURN),
         (with_contact_along_struts(replace(SCENE, ground=ExactGround(surface=HILL)), 1, (0,)), "speed", 2, NO_TURN),
         (heavier(SCENE), "speed", 2, BY_POSE),
@@ -177,7 +186,7 @@ def with_support(scene: Scene) -> Scene:
         (with_support(SCENE), "speed", 1, NO_TURN),
     ],
     ids=[
-        *("goal", "speed", "bumps", "slope", "own slope", "own law", "own progress", "own direction", "hill"),
+        *("goal", "speed", "bumps", "slope", "own slope", "own law", "own progress", "stroll", "own direction", "hill"),
         *("heavier node", "sticky node", "support"),
     ],
 )

@@ -367,7 +367,7 @@ def test_bad_input_is_refused(scene):
         # at the goal the direction to it would be 0/0
         control.environment(control.Task("goal", reached=0.0), scene)
     bent = type("Bent", (control.Task,), {"wanted_direction": lambda self, aim, place: place})
-    with pytest.raises(InputError, match=r"Bent.wanted_direction: returns .*expected shape \(2,\)"):
+    with pytest.raises(InputError, match=r"Bent.wanted_direction: returns .*expected an array of shape \(2,\)"):
         control.environment(bent("heading"), scene)
     short = type("Short", (control.Task,), {"wanted_direction": lambda self, place: place[:2]})
     with pytest.raises(

@@ -339,6 +339,8 @@ def to_and_fro(size: float, times: int = 4, drift: float = 0.0) -> np.ndarray:
         ("slides", circle(2.0), IN_TURN[:4], 0.0),
         ("slides", to_and_fro(0.2, 10, drift=3.0), IN_TURN[:3], 0.0),
         ("slides", to_and_fro(4.0, 2), IN_TURN, 0.0),
+        ("slides", line(3.0), TO_AND_FRO, 0.0),
+        ("rolls", line(3.0), IN_TURN[:2] * 2 + IN_TURN[1:3] * 2 + IN_TURN[2:4], 0.0),
         ("rocks", to_and_fro(0.4), TO_AND_FRO, 0.0),
         ("rocks", to_and_fro(0.9, 2), IN_TURN[:2] + IN_TURN[:1], 0.05),
         ("rocks", to_and_fro(0.3, 5), IN_TURN[:1], 0.0),
