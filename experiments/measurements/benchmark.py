@@ -159,7 +159,7 @@ def short(record: Record) -> str:
         for name, found in chosen
     ]
     head = f"program ({record['gaits']} robots at once on {record['cores']} cores, {duration:g} s of motion each)"
-    return table([head, "precision", "step, ms", "robots per second", "million steps per second"], rows)
+    return table([head, "precision", "step, ms", "simulations per second", "million steps per second"], rows)
 
 
 def costs_table(record: Record) -> str:
