@@ -1,10 +1,13 @@
-"""Draw the motions that README and docs show, from gaits of the library: animations, and a replay in 3D."""
+"""Draw the motions that README and docs show, from gaits and a policy of the library: animations, and a replay in 3D."""
 
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
+
 import jaxgrity
+from jaxgrity import control
 
 ROOT = Path(__file__).parents[2]
 LARGEST = 3e6
@@ -15,6 +18,7 @@ class Animation(NamedTuple):
     """One animated picture in docs/images."""
 
     gait: str
+    """or the policy that drives the robot"""
     scene: str
     duration: float
     """s"""
@@ -23,7 +27,7 @@ class Animation(NamedTuple):
 
 ANIMATIONS = (
     Animation("straight", "exact", 7.0, "follow"),
-    Animation("lasting", "exact", 7.0, "follow"),
+    Animation("heading", "exact", 7.0, "follow"),
     Animation("fast", "exact", 7.0, "follow"),
 )
 REPLAYED, REPLAY_DURATION = ANIMATIONS[0], 12.0
@@ -56,6 +60,10 @@ def main(settings: Settings) -> None:
 
 
 def rolled(shown: Animation, duration: float) -> tuple[jaxgrity.Scene, jaxgrity.Trajectory]:
-    """The scene with the gait, and its motion."""
+    """The scene with the gait, or as a policy drives it, and its motion."""
+    if shown.gait in control.policy_names():
+        env = control.environment(shown.gait, jaxgrity.load_scene(shown.scene), seconds=duration)
+        motion = control.episode(env, control.load_policy(shown.gait), jax.random.key(0))
+        return motion.scene, motion
     scene = jaxgrity.with_gait(jaxgrity.load_scene(shown.scene), jaxgrity.load_gait(shown.gait))
     return scene, jaxgrity.simulate(scene, duration, frame_rate=100.0)
