@@ -1,4 +1,4 @@
-"""Draw the motions that README and docs show, from gaits and a policy of the library: animations, and a replay in 3D."""
+"""Draw motions for README and docs, from gaits and a policy of the library: animations, and a replay in 3D."""
 
 from dataclasses import dataclass
 from pathlib import Path
