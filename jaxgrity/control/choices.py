@@ -103,8 +103,11 @@ def choices_of(policy: Policy | GaitChoices) -> Choices:
 
 
 def _one_row(x: Any) -> Any:
-    """An array with a last axis of one row; what is no array stays as it is."""
-    return np.asarray(x, float)[..., None] if eqx.is_array_like(x) else x
+    """An array with a last axis of one row, integers as they are; what is no array stays as it is."""
+    if not eqx.is_array_like(x):
+        return x
+    found = np.asarray(x)
+    return (found if np.issubdtype(found.dtype, np.integer) else found.astype(float))[..., None]
 
 
 def _rows(tree: Any, rows: AnyArray) -> Any:

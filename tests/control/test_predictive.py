@@ -248,7 +248,7 @@ def test_a_bend_turns_the_heading_of_a_learned_policy(learned):
 def test_a_learned_policy_is_led_round_a_post(learned):
     """Which stands on its way where it is not led."""
     plant, policy = learned
-    post, goal = control.Discs(np.array([[1.5, 0.1]]), np.array([0.2])), np.array([3.0, 0.0])
+    post, goal = control.Discs(np.array([[1.5, -0.1]]), np.array([0.2])), np.array([3.0, 0.0])
     way = control.way_map(post, goal, (-2.0, -3.0, 5.0, 3.0), robot=jaxgrity.load_scene("exact"))
     alone = control.simulate_policy(plant, policy, 3.0)
     assert control.gap(post, plant.scene, np.asarray(alone.positions)).min() < 0
