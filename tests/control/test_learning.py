@@ -322,7 +322,7 @@ def test_deployed_policies_that_do_not_fit_are_refused(travelling):
             Deployed(env, policy, **kwargs)
     anywhere = environment("speed", load_scene("exact"))
     with pytest.raises(InputError, match="heading given; expected neither, since the environment's task wants no"):
-        Deployed(anywhere, policy, heading=[1.0, 0.0])
+        Deployed(anywhere, load_policy("speed"), heading=[1.0, 0.0])
     jaxtyping.config.update("jaxtyping_disable", True)  # which users do not have; of this test alone
     with pytest.raises(InputError, match="Deployed: environment is 'heading'; expected a"):
         Deployed("heading", policy, heading=[1.0, 0.0])
