@@ -1,7 +1,7 @@
 """The robot's symmetries in what a policy sees: each state is shown in the pose that is nearest to the built one.
 
-Names of nodes mean nothing to the physics. If a robot's nodes exchange their names so that masses, springs and motors
-stay as they are, its motion is the same motion under other names. On level ground it also stays the same motion if the
+Numbers of nodes mean nothing to the physics. If a robot's nodes are renumbered so that masses, springs and motors stay
+as they are, its motion is the same motion with other numbers. On level ground it also stays the same motion if the
 robot is turned about the vertical. So a policy has to know what to do in one of these poses only. It is then
 equivariant: in all others it does the same, by other motors and in another direction. (Canonicalisation: Kaba et al.
 2023, arXiv:2211.06489.)
@@ -163,7 +163,7 @@ def canonical_pose(environment: Environment) -> CanonicalPose:
     kept = kept_by(scene, [law for law in scene.laws if type(law) not in own])
     held = scene.structure.fixed or scene.shaking is not None
     first, turn, mirrored = _identity(scene), _turn(SOME_ANGLE), _progress_kept(task, np.diag([1.0, -1.0, 1.0]))
-    ways = [first] if held else [s for s in _renamings(scene, first) if kept(s) and (mirrored or s.matrix[1, 1] > 0)]
+    ways = [first] if held else [s for s in _renumberings(scene, first) if kept(s) and (mirrored or s.matrix[1, 1] > 0)]
     found = [way for s in ways if (way := _exchange(scene, members, s)) is not None]
     together = Exchange(*(jnp.asarray(np.array(x)) for x in zip(*found)))
     turned = NO_TURN
@@ -180,17 +180,16 @@ def _progress_kept(task: Task, matrix: np.ndarray) -> bool:
     mirrored: at random states, for a task of one's own."""
     if type(task).progressed is Task.progressed:
         return True
-    random, flat = np.random.default_rng(0), matrix[:2, :2]
+    random = np.random.default_rng(0)
+
+    def progress(aim, average, before, place, m):
+        to, remembered = (jnp.asarray(m[:2, :2] @ x) for x in (aim, average))
+        return task.progressed(to, jnp.asarray(m @ before), jnp.asarray(m @ place), PERIOD, remembered)[0]
+
     for _ in range(STATES):
         aim, average, before = (random.normal(size=n) for n in (2, 2, 3))
-        place = before + PERIOD * random.normal(size=3)
-        here, there = (
-            task.progressed(jnp.asarray(m @ aim), jnp.asarray(w @ before), jnp.asarray(w @ place), PERIOD, m @ average)[
-                0
-            ]
-            for m, w in ((np.eye(2), np.eye(3)), (flat, matrix))
-        )
-        if not np.allclose(here, there, rtol=AS_EQUAL, atol=AS_EQUAL):
+        state = aim, average, before, before + PERIOD * random.normal(size=3)
+        if not np.allclose(progress(*state, np.eye(3)), progress(*state, matrix), rtol=AS_EQUAL, atol=AS_EQUAL):
             return False
     return True
 
@@ -214,8 +213,8 @@ def _turn(angle: float) -> np.ndarray:
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _renamings(scene: Scene, first: Symmetry) -> list[Symmetry]:
-    """Exchanges of names, with what they do in space: nothing, or y becomes -y. The identity is `first`."""
+def _renumberings(scene: Scene, first: Symmetry) -> list[Symmetry]:
+    """Ways to renumber nodes, with what they do in space: nothing, or y becomes -y. The identity is `first`."""
     try:
         found = symmetries(scene.structure)
     except InputError:  # positions do not say what is exchanged

@@ -244,7 +244,8 @@ class Deployed(Policy):
 
 
 def check_acting(environment: Environment, policy: Acting) -> None:
-    """Raise `InputError` for a policy that takes no such observations, or whose actions are of another number."""
+    """Raise `InputError` for a policy that takes no such observations, whose actions are of another number, or that is
+    of another robot or kind of task (`CanonicalPose.misfit`)."""
     if not callable(policy):
         raise InputError(f"policy = {policy!r}: expected a function of observations, as load_policy makes one")
     if (pose := getattr(policy, "pose", None)) is not None and (misfit := pose.misfit(environment)) is not None:
