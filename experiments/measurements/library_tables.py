@@ -34,7 +34,7 @@ def gait_search_table(facts: Facts) -> str:
         ["128 perturbed robots, exact contact", f"{exact} body lengths/s"],
         ["128 perturbed robots, penalty contact", f"{penalty} body lengths/s"],
         ["largest force, speed and power of a motor in a cycle", _peaks(steady["cycle"])],
-        ["the same, with the start from rest included", _peaks(facts["actuators"])],
+        ["the same, from the start of the gait on", _peaks(facts["actuators"])],
     ]  # fmt: skip
     return table(["the gait that `make gait` finds", "measured"], rows) + made_by(facts, "gait_search", "README.md")
 
@@ -58,7 +58,7 @@ def full_gait_search_table(facts: Facts) -> str:
         [f"{steady['robust']['robots']} perturbed robots over a minute, mean (standard deviation)", shares[0]],
         ["the same on the other contact model", shares[1]],
         ["largest force, speed and power of a motor in a cycle", _peaks(steady["cycle"])],
-        ["the same, with the start from rest included", _peaks(facts["actuators"])],
+        ["the same, from the start of the gait on", _peaks(facts["actuators"])],
         ["cost of transport", _with_bar(steady["cycle"], "cost_of_transport", 2)],
         ["share of contact time spent slipping", f"{100 * facts['slip_share']:.0f} %"],
         ["rollouts of the evolution (polish comes on top)", f"{facts['rollouts']}"],
