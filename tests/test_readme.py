@@ -14,8 +14,8 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 CHECK = """
 import numpy as np
 ends = [[distance(scene.gait.phase + off * np.eye(6)[k])[0] for off in (-1e-5, 1e-5)] for k in range(6)]
-np.testing.assert_allclose(slope, np.diff(np.array(ends))[:, 0] / 2e-5, atol=1e-4)
-assert 0.3 < far < 3 and abs(slope).max() > 0.1
+np.testing.assert_allclose(gradient, np.diff(np.array(ends))[:, 0] / 2e-5, atol=1e-4)
+assert 0.3 < far < 3 and abs(gradient).max() > 0.1
 """
 """The example's gradient is that of central differences, and not of rounding."""
 
