@@ -69,7 +69,7 @@ PERIODS = {
     "cables": (1, 1),
     "left": (2, 2),
     "right": (2, 2),
-    "uphill": (1, 2),
+    "uphill": (3, 2),
     "steep": (2, 1),
 }
 """Periods per cycle on exact contact and on penalty contact: after fewer of them shapes differ by millimetres."""
