@@ -25,7 +25,7 @@ BLOCKS = {
     "docs/files.md": 2,
     "docs/gaits.md": 1,
     "docs/gait_records.md": 20,
-    "docs/accuracy.md": 14,
+    "docs/accuracy.md": 15,
     "docs/terrain.md": 2,
     "docs/performance.md": 6,
     "docs/scaling.md": 6,
