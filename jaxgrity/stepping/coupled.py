@@ -150,6 +150,7 @@ def _search_pressed_rows(aloft: Any, *problems):
 def _right_aloft(aloft: Any, problem: Coupled, guess: AnyArray, near: AnyNodeVectors) -> AnyArray:
     """Whether the result without contacts meets them too: none presses, and all lengths are right."""
     found, _, root_mass = aloft
+    assert problem.contact is not None, "without contacts, there is nothing to check"
     contact = scaled(problem.contact, root_mass)
     none = (as_impulses(contact, found.trial) == 0).all() & (found.trial[:, 0] + contact.closing <= 0).all()
     # a stretch that is not finite fails the comparison

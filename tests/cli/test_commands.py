@@ -43,10 +43,10 @@ from jaxgrity.cli.search import (
     changed_words,
     equal_mass_words,
     faster_words,
-    twin_words,
     make_quick,
     replaced_words,
     standstill_words,
+    twin_words,
 )
 from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.cli.settings import SimulateSettings
