@@ -62,7 +62,7 @@ def save_ntrt(scene: Scene, path: str | Path, unit: float = DECIMETRE) -> tuple[
 def _check(path: Path, structure: Structure) -> None:
     if structure.bodies:
         raise InputError(
-            f"{path}: rigid bodies are not written for NTRT; expected struts, or a scene file (.toml) or MuJoCo (.xml)"
+            f"{path}: rigid bodies are not written for NTRT; expected struts, or another format (.toml, .xml)"
         )
     if structure.cables is not None and structure.cables.clusters:
         raise InputError(f"{path}: NTRT has no cables through several nodes; expected a cable for each segment")

@@ -184,8 +184,6 @@ def test_bodies_aloft_are_solved_without_their_contacts(monkeypatch):
     low, high = pyramid, pyramid + np.array([0, 0, 0.5])
     pairs, aside = ((low, high), (high, high), (low, low)), np.array([1, 0, 0])
     x = np.array([np.vstack([first, second + aside]) for first, second in pairs])
-        [np.vstack([first, second + np.array([1, 0, 0])]) for first, second in ((low, high), (high, high), (low, low))]
-    )
     bodies = tuple(rigid_body(x[0], range(k, k + 5), 0.4, [2e-3] * 3, x[0, k : k + 4].mean(0)) for k in (0, 5))
     scene = with_scales(Scene(Structure(x[0], np.zeros(10), bodies=bodies), G, ground=ExactGround()))
     scene = dataclasses.replace(scene, friction=ConeFriction(0.4))
