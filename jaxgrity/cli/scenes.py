@@ -1,4 +1,4 @@
-"""The scene that a command is given: by its name or its file, on request with another gait."""
+"""The scene that a command is given, by its name or its file, and the files of an earlier run that it replaces."""
 
 from pathlib import Path
 
@@ -22,3 +22,11 @@ def chosen_scene(scene: str, gait: str | None) -> Scene:
     if home is not None and Path(home).stem != Path(scene).stem:
         print(f"note: the gait {gait} was found on the scene {home}")
     return found
+
+
+def replaced_files(earlier: list[Path], folder: Path) -> str:
+    """That a command will replace these files of an earlier run in its folder, in words; none without such files."""
+    if not earlier:
+        return ""
+    others = f" and {len(earlier) - 1} more files there" if earlier[1:] else ""
+    return f"{earlier[0]}{others} will be replaced; set another --out to keep what {folder}/ holds."

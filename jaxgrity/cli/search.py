@@ -10,11 +10,11 @@ from jaxgrity.cli.script import command_header
 import numpy as np
 
 from jaxgrity.cli.progress import Bars
-from jaxgrity.cli.scenes import chosen_scene, scene_name
+from jaxgrity.cli.scenes import chosen_scene, replaced_files, scene_name
 from jaxgrity.cli.search_settings import ObjectiveSettings, SearchSettings
 from jaxgrity.core.display import in_digits
 from jaxgrity.core.errors import InputError
-from jaxgrity.model.contact_twin import exact_twin, is_exact
+from jaxgrity.model.contact_twin import contact_twin, exact_twin, is_exact
 from jaxgrity.model.friction import ConeFriction
 from jaxgrity.model.ground import ExactGround
 from jaxgrity.model.inertia import with_mass_at_ends
@@ -25,6 +25,7 @@ from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.report.gait_report import FILES, Origin, write_report
 from jaxgrity.report.gait_rows import late_words
 from jaxgrity.search.checkpoint import holds_unfinished, left_over
+from jaxgrity.search.models import rough_step
 from jaxgrity.search.objectives import ActuatorBounds, Objective, find_objective
 from jaxgrity.search.pipeline import Progress, SearchResult, search_gaits
 from jaxgrity.search.polish_config import PolishConfig
@@ -33,6 +34,7 @@ from jaxgrity.search.search_space import SearchSpace
 from jaxgrity.statics.describe import describe
 from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import ROUGH, SolverOptions, is_coupled
+from jaxgrity.stepping.step_limits import default_step
 
 WEAKER = 0.005
 """Smallest loss of strokes of which a search tells, as a share: half a per cent is what it shows."""
@@ -96,6 +98,7 @@ def main(settings: SearchSettings) -> None:
         f"Results go to {settings.out}/. After Ctrl-C, the same command with --resume continues.\n\n"
         f"{replaced_words(settings)}{changed_words(scene, config)}{standstill_words(scene, config)}"
         f"{equal_mass_words(scene, config)}{faster_words(scene, str(settings.scene))}"
+        f"{twin_words(scene, config)}"
     )
     found: dict[str, str] = {}
     with Bars() as bars:
@@ -128,11 +131,8 @@ def replaced_words(settings: SearchSettings) -> str:
     folder = settings.out
     if settings.resume or (not settings.restart and holds_unfinished(folder)):
         return ""
-    replaced = [*left_over(folder), *(folder / name for name in FILES if (folder / name).exists())]
-    if not replaced:
-        return ""
-    others = f" and {len(replaced) - 1} more files there" if replaced[1:] else ""
-    return f"{replaced[0]}{others} will be replaced; set another --out to keep what {folder}/ holds.\n\n"
+    words = replaced_files([*left_over(folder), *(folder / name for name in FILES if (folder / name).exists())], folder)
+    return f"{words}\n\n" if words else ""
 
 
 def standstill_words(scene: Scene, config: SearchConfig) -> str:
@@ -198,6 +198,24 @@ def faster_words(scene: Scene, name: str) -> str:
     if not found:
         return ""
     return f"This robot's impulses are solved all at once, several times slower than by sweeps. Faster: {found[0]}.\n\n"
+
+
+def twin_words(scene: Scene, config: SearchConfig) -> str:
+    """That the other contact model takes most of the time, in words; none where it is left out, or takes less."""
+    if not config.evaluation.both_models or not is_exact(scene):
+        return ""
+    try:
+        twin = contact_twin(scene)
+        coupled = is_coupled(twin, SolverOptions(), default_method(twin), True)
+    except InputError:
+        return ""  # the search says why
+    if not coupled:
+        return ""
+    more = default_step(scene, default_method(scene)) / rough_step(twin)
+    return (
+        f"The other contact model takes {more:.0f} times as many steps of this robot, and most of the time. With "
+        "--no-both-models it does not help to choose the gait, and a few robots are tried on it in the end.\n\n"
+    )
 
 
 def _touching_as_points(scene: Scene) -> Scene:

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from jaxgrity.cli.progress import Bars
-from jaxgrity.cli.scenes import chosen_scene, scene_name
+from jaxgrity.cli.scenes import chosen_scene, replaced_files, scene_name
 from jaxgrity.cli.settings import SimulateSettings
 from jaxgrity.core.display import finite_or, known_words, significant
 from jaxgrity.core.errors import InputError
@@ -63,6 +63,8 @@ def main(settings: SimulateSettings) -> None:
         check_film(film_of(settings), settings.fps, settings.width, settings.camera)
     # what cannot be rolled out is refused before anything is said
     resolve(scene if gaits is None else with_gait(scene, one_gait(gaits, 0)), duration, options_of(settings))
+    if words := replaced_files([settings.out / name for name in LEFT if (settings.out / name).exists()], settings.out):
+        print(words)
     print(describe(scene), flush=True)
     summary = single(scene, duration, settings) if gaits is None else several(scene, gaits, duration, settings)
     save_json(settings.out / "summary.json", {"scene": scene_name(settings.scene), **summary})

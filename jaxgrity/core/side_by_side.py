@@ -73,3 +73,28 @@ def while_any(unmet: Callable, step: Callable, state: Any) -> Any:
         return jax.tree.map(lambda new, old: jnp.where(going, new, old), after, state) if going.ndim else after
 
     return jax.lax.while_loop(lambda state: jnp.any(unmet(state)), again, state)
+
+
+def alone_and_in_rows(one: Callable, rows: Callable) -> tuple[Callable, Callable]:
+    """A function of one problem, and that of a row for each problem, which takes the place of `jax.vmap` of both."""
+    alone, together = jax.custom_batching.custom_vmap(one), jax.custom_batching.custom_vmap(rows)
+
+    @alone.def_vmap
+    def robots(count: int, batched: Any, *problem):
+        found = together(*_rows(count, batched, problem))
+        return found, jax.tree.map(lambda _: True, found)
+
+    @together.def_vmap
+    def parts_of_robots(count: int, batched: Any, *problems):
+        rows = _rows(count, batched, problems)
+        parts = len(problems[-1][0]) if batched[-1] else len(problems[-1])
+        # not -1: there may be no struts
+        found = together(*jax.tree.map(lambda x: x.reshape(count * parts, *x.shape[2:]), rows))
+        return jax.tree.map(lambda x: x.reshape(count, parts, *x.shape[1:]), found), jax.tree.map(lambda _: True, found)
+
+    return alone, together
+
+
+def _rows(count: int, batched: Any, arrays: Any):
+    """The arrays with a first axis, (count, ...), those of one robot as often as there are robots."""
+    return jax.tree.map(lambda many, x: x if many else jnp.broadcast_to(x, (count, *x.shape)), tuple(batched), arrays)

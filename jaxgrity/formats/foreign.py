@@ -99,7 +99,8 @@ def read_limited(path: str | Path) -> str:
 def refuse_bodies(structure: Structure, what: str) -> None:
     """Raises `InputError` where a structure has rigid bodies, which files of this kind cannot hold."""
     if structure.bodies:
-        raise InputError(f"{what} hold no rigid bodies, and this has {len(structure.bodies)}; expected save_scene")
+        found = f"{what} hold no rigid bodies, and this has {len(structure.bodies)}"
+        raise InputError(f"{found}; expected a scene file (.toml), or MuJoCo (.xml)")
 
 
 def has_strength(structure: Structure) -> bool:

@@ -61,7 +61,9 @@ def save_ntrt(scene: Scene, path: str | Path, unit: float = DECIMETRE) -> tuple[
 
 def _check(path: Path, structure: Structure) -> None:
     if structure.bodies:
-        raise InputError(f"{path}: rigid bodies are not written for NTRT; expected struts")
+        raise InputError(
+            f"{path}: rigid bodies are not written for NTRT; expected struts, or another format (.toml, .xml)"
+        )
     if structure.cables is not None and structure.cables.clusters:
         raise InputError(f"{path}: NTRT has no cables through several nodes; expected a cable for each segment")
     ends = [] if structure.struts is None else [node for edge in structure.struts.edges for node in edge]

@@ -103,10 +103,21 @@ class StructureReport(NamedTuple):
             "frequencies": self.frequencies,
         }
 
+    def _verdict(self, mechanisms: int) -> str:
+        """Whether the structure stands by itself, in words."""
+        if not self.at_rest:
+            return "no: it finds no rest near the given shape"
+        if self.loose:
+            return "no: it can move without resistance"
+        if not self.stable:
+            return "no: a small push makes it leave this shape"
+        return "yes, by its prestress" if mechanisms and self.prestress_stable else "yes"
+
     def _lines(self) -> list[tuple[str, str]]:
         counted = self.statics
         states, loose = (counted.self_stress.shape[1], len(counted.mechanisms)) if counted else (0, 0)
-        static = f"rank {counted.rank}, {states} of self-stress, {loose} mechanisms" if counted else "not counted"
+        some = "mechanism" if loose == 1 else "mechanisms"
+        static = f"rank {counted.rank}, {states} of self-stress, {loose} {some}" if counted else "not counted"
         given = f"nodes move by up to {self.moved:.3g} m from the given shape"
         where = f"{'stable' if self.stable else 'unstable'}; {given}"
         if not self.at_rest:
@@ -119,6 +130,7 @@ class StructureReport(NamedTuple):
         words = {True: "yes", False: "no", None: ""}
         lowest = ", ".join(in_digits(f, 4) for f in self.frequencies[:SHOWN])
         return [
+            ("keeps its shape", self._verdict(loose)),
             ("states", static),
             ("equilibrium", where),
             ("forces", force_words(self.structure, self.forces)),

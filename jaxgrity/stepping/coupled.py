@@ -19,6 +19,7 @@ Derivatives are those of the solution (implicit function theorem), in forward an
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -27,7 +28,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxgrity.core.dense import least_solution
-from jaxgrity.core.side_by_side import applied, contracted, for_many, where_needed, while_any
+from jaxgrity.core.side_by_side import alone_and_in_rows, applied, contracted, for_many, where_needed, while_any
 from jaxgrity.core.types import AnyArray, AnyMemberVectors, AnyNodeVectors, AnyPerMember, AnyPerNode
 from jaxgrity.stepping.coupled_contacts import NORMAL, ContactProblem, Factors, as_impulses, solve_nearest_contacts
 from jaxgrity.stepping.coupled_problem import (
@@ -102,45 +103,58 @@ def solve_step(problem: Coupled, guess: AnyArray, near: AnyArray, side_by_side: 
     complete: Callable = jax.vmap(_complete) if side_by_side else _complete
     search: Callable = jax.vmap(_search) if side_by_side else _search
     if jax.default_backend() == "cpu":
-        if max(guess.shape[-2], near.shape[-2]) > FEW or problem.sliding is not None:
+        if near.shape[-2] > FEW or problem.sliding is not None:
             # one robot after the other: side by side all iterate until the last is done, which costs more here
             search = jax.custom_batching.sequential_vmap(search)
         else:
-            search = _search_many if side_by_side else _search_one
+            search = partial(_search_small, guess.shape[-2] > FEW and problem.contact is not None, side_by_side)
     # the search is not differentiated: `custom_root` takes the derivative at what it finds
     return complete(problem, *search(*jax.lax.stop_gradient((problem, guess, near))))
 
 
-@jax.custom_batching.custom_vmap
-def _search_one(*problem):
-    return _search(*problem)
+def _search_small(many_contacts: bool, side_by_side: bool, problem: Coupled, guess: AnyArray, near: AnyArray):
+    """`_search` of few nodes, in vectors; with many contacts only while none of them presses.
+
+    A body of many contacts is mostly in the air: a payload amid a robot's cables always is.
+    """
+    search = _search_in_vectors[side_by_side]
+    if not many_contacts:
+        return search(problem, guess, near)
+    aloft = search(problem._replace(contact=None), guess, near)
+    return _search_pressed[side_by_side](aloft, problem, guess, near)
 
 
-@jax.custom_batching.custom_vmap
-def _search_many(*problems):
+def _search_rows(*problems):
     """`_search` of each row of all arrays, in vectors over the rows."""
     found = _search(*jax.tree.map(lambda x: jnp.moveaxis(x, 0, -1), problems))
     return jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), found)
 
 
-@_search_one.def_vmap
-def _search_robots(count: int, batched: Any, *problem):
-    found = _search_many(*_rows(count, batched, problem))
-    return found, jax.tree.map(lambda _: True, found)
+def _search_if_pressed(aloft: Any, *problem):
+    """`_search`, unless its result without contacts, `aloft`, is that with them."""
+    return jax.lax.cond(_right_aloft(aloft, *problem), lambda: aloft, lambda: _search(*problem))
 
 
-@_search_many.def_vmap
-def _search_parts_of_robots(count: int, batched: Any, *problems):
-    rows = _rows(count, batched, problems)
-    parts = len(problems[-1][0]) if batched[-1] else len(problems[-1])
-    # not -1: there may be no struts
-    found = _search_many(*jax.tree.map(lambda x: x.reshape(count * parts, *x.shape[2:]), rows))
-    return jax.tree.map(lambda x: x.reshape(count, parts, *x.shape[1:]), found), jax.tree.map(lambda _: True, found)
+def _search_pressed_rows(aloft: Any, *problems):
+    """`_search` of the rows in which a contact presses, one after the other: `aloft` has the result of the others."""
+    right = jax.vmap(_right_aloft)(aloft, *problems)
+    pressed = jnp.argsort(right)
+
+    def searched(k, found):
+        one = _search(*jax.tree.map(lambda x: x[pressed[k]], problems))
+        return jax.tree.map(lambda rows, row: rows.at[pressed[k]].set(row), found, one)
+
+    return jax.lax.fori_loop(0, jnp.sum(~right), searched, aloft)
 
 
-def _rows(count: int, batched: Any, arrays: Any):
-    """The arrays with a first axis, (count, ...), those of one robot as often as there are robots."""
-    return jax.tree.map(lambda many, x: x if many else jnp.broadcast_to(x, (count, *x.shape)), tuple(batched), arrays)
+def _right_aloft(aloft: Any, problem: Coupled, guess: AnyArray, near: AnyNodeVectors) -> AnyArray:
+    """Whether the result without contacts meets them too: none presses, and all lengths are right."""
+    found, _, root_mass = aloft
+    assert problem.contact is not None, "without contacts, there is nothing to check"
+    contact = scaled(problem.contact, root_mass)
+    none = (as_impulses(contact, found.trial) == 0).all() & (found.trial[:, 0] + contact.closing <= 0).all()
+    # a stretch that is not finite fails the comparison
+    return none & (found.stretch <= jnp.finfo(near.dtype).eps ** 0.5)
 
 
 def _complete(problem: Coupled, found: "_Found", u: AnyMemberVectors, root_mass: AnyPerNode) -> Impulses:
@@ -261,3 +275,7 @@ def _round(problem: Coupled, root_mass: AnyPerMember, parts: Elimination, found:
         stretch = stretch_after(problem, w)
         along = jnp.min(jnp.sum(strut_directions(problem, w) * strut_directions(problem), axis=1), axis=0)
     return _Found(f, pulls, z, w, error, stretch, along)
+
+
+_search_in_vectors = alone_and_in_rows(_search, _search_rows)
+_search_pressed = alone_and_in_rows(_search_if_pressed, _search_pressed_rows)

@@ -115,7 +115,8 @@ class TrustReport(NamedTuple):
         if self.audit is not None:
             energy = facts["energy"]
             change = in_digits(energy["potential_change"], 4)
-            rows["energy"] = f"work of actuators {in_digits(energy['actuation'], 4)} J, kinetic at the end "
+            taken = " (negative: members did work on them)" if energy["actuation"] < 0 else ""
+            rows["energy"] = f"work of actuators {in_digits(energy['actuation'], 4)} J{taken}, kinetic at the end "
             rows["energy"] += f"{in_digits(energy['kinetic'], 4)} J, change of potential {float(change):+g} J"
             lost = ", ".join(f"{cause} {in_digits(amount)}" for cause, amount in energy["dissipated"].items())
             rows["dissipated"] = f"{lost} J" if lost else "nothing"

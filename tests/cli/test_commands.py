@@ -46,6 +46,7 @@ from jaxgrity.cli.search import (
     make_quick,
     replaced_words,
     standstill_words,
+    twin_words,
 )
 from jaxgrity.cli.search_settings import SearchSettings
 from jaxgrity.cli.settings import SimulateSettings
@@ -165,6 +166,7 @@ def test_simulate_one_rollout(jaxgrity, tmp_path):
     done = jaxgrity("simulate", "reference", *arguments)
     assert done.code == 0, done.errors
     assert "smooth friction" in done.out
+    assert f"{tmp_path}/outcomes.png will be replaced; set another --out " in done.out
     summary = summary_in(tmp_path)
     with np.load(tmp_path / "trajectory.npz") as saved:
         assert saved["positions"].shape == (201, 12, 3)
@@ -447,6 +449,17 @@ def test_a_search_says_how_it_would_be_faster():
     assert faster_words(held, "robot.toml") == ""
 
 
+def test_a_search_says_that_the_other_model_of_rigid_bodies_takes_most_of_the_time():
+    """And which option leaves it out; nothing where it does, or where the robot has no bodies."""
+    scene, alone = load_scene("exact"), SearchConfig(evaluation=EvaluationConfig(both_models=False))
+    body = rigid_body(scene.structure.nodes, (0, 1, 4, 8), 0.5, [1e-2] * 3)
+    bodies = replace(scene, structure=replace(scene.structure, struts=None, bodies=(body,)))
+    said = twin_words(bodies, SearchConfig())
+    assert said.startswith("The other contact model takes ")
+    assert "With --no-both-models " in said
+    assert [twin_words(scene, SearchConfig()), twin_words(bodies, alone)] == ["", ""]
+
+
 def struts_of_mass(scene):
     """The struts, with 1 kg each."""
     return replace(scene.structure.struts, mass=np.ones(len(scene.structure.struts.edges)))
@@ -597,7 +610,7 @@ def test_inspect_leaves_the_report_and_a_figure(jaxgrity, tmp_path):
     """What is printed, as numbers: the six-strut robot's one self-stress and one mechanism."""
     done = jaxgrity("inspect", "exact", "--out", tmp_path)
     assert done.code == 0, done.errors
-    assert "rank 29, 1 of self-stress, 1 mechanisms" in done.out
+    assert "rank 29, 1 of self-stress, 1 mechanism\n" in done.out
     found = json.loads((tmp_path / "inspection.json").read_text())
     assert (found["scene"], found["rank"], len(found["forces"])) == ("exact", 29, 30)
     assert (tmp_path / "forces.png").stat().st_size > 5000

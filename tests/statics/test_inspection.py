@@ -56,7 +56,8 @@ def test_a_scene_with_prestress_stands_as_it_is(prism_report):
 def test_words_and_numbers_agree(prism_report):
     """What the table says is in the summary."""
     table = prism_report.table()
-    assert "rank 11, 1 of self-stress, 1 mechanisms" in table
+    assert "rank 11, 1 of self-stress, 1 mechanism\n" in table
+    assert "keeps its shape      yes, by its prestress" in table
     assert "super-stable         yes" in table
     assert f"{prism_report.frequencies[0]:.4g}" in table
 
@@ -118,6 +119,7 @@ def test_a_limp_structure_is_not_called_stable():
     assert report.loose > 0
     assert report.prestress_stable is False
     assert f"neutral: {report.loose} ways to move meet no resistance" in report.table()
+    assert "keeps its shape      no: it can move without resistance" in report.table()
     assert "no member carries force: give [cables] prestrain, or [structure] prestress" in report.table()
 
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -24,8 +25,13 @@ from jaxgrity import (
     with_gait,
 )
 from jaxgrity.model import Balls, rigid_body
-from jaxgrity.stepping import resolve
+from jaxgrity.model.scene import with_scales
+from jaxgrity.stepping import coupled, resolve
+from jaxgrity.stepping.complementarity import first_memory
+from jaxgrity.stepping.coupled_constraints import known_at
+from jaxgrity.stepping.coupled_stepping import coupled_impulses
 from jaxgrity.stepping.separate_parts import separate_parts
+from jaxgrity.stepping.strut_contacts import TouchingStruts
 
 G = 9.81
 OPTIONS = SolverOptions(dt=5e-3, any_step=True)
@@ -167,3 +173,41 @@ def test_robots_whose_parts_have_no_rigid_struts():
     both = simulate_population(scene, gaits_of(gait, np.zeros((2, 1))), 0.1, options=options, differences=higher)
     alone = simulate(with_gait(scene, gait), 0.1, options=options)
     np.testing.assert_allclose(both.positions[0], alone.positions[-1], rtol=0, atol=1e-12)
+
+
+def test_bodies_aloft_are_solved_without_their_contacts(monkeypatch):
+    """Two bodies of five contacts in each of three robots: those that press on the ground alone need contacts.
+
+    Side by side all move as each robot alone, and as without the short cut.
+    """
+    pyramid = np.array([[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0.05, 0.05, 0.25], [0.1, 0.1, 0]])
+    low, high = pyramid, pyramid + np.array([0, 0, 0.5])
+    pairs, aside = ((low, high), (high, high), (low, low)), np.array([1, 0, 0])
+    x = np.array([np.vstack([first, second + aside]) for first, second in pairs])
+    bodies = tuple(rigid_body(x[0], range(k, k + 5), 0.4, [2e-3] * 3, x[0, k : k + 4].mean(0)) for k in (0, 5))
+    scene = with_scales(Scene(Structure(x[0], np.zeros(10), bodies=bodies), G, ground=ExactGround()))
+    scene = dataclasses.replace(scene, friction=ConeFriction(0.4))
+    assert [alike.contacts.shape for alike in separate_parts(scene)] == [(2, 5)]
+    h, spin = 5e-3, np.cross([0.0, 0.3, 0.0], x[0])
+    free = spin - [0, 0, G * h]
+
+    def after(q):
+        v, without = jnp.asarray(spin), jnp.asarray(free)
+        last = first_memory(0 * q[0, 0], h + 0 * q[0, 0], (q, v)).impulses
+        found = coupled_impulses(scene, (h, h), q, known_at(scene, h, (q, v), TouchingStruts()), without, v, last)
+        return found.velocity, found.error
+
+    (found, error), search = jax.jit(jax.vmap(after))(jnp.asarray(x)), coupled._search
+    np.testing.assert_allclose(error, 0, atol=1e-9)
+    np.testing.assert_allclose(found, [jax.jit(after)(jnp.asarray(q))[0] for q in x], rtol=0, atol=1e-12)
+    pressed = np.abs(found - free).reshape(3, 2, -1).max(2) > 1e-3
+    assert pressed.tolist() == [[True, False], [False, False], [True, True]]
+
+    def wrong(problem, *start):
+        """No solution with contacts."""
+        return jax.tree.map(lambda a: a if problem.contact is None else a + 1, search(problem, *start))
+
+    monkeypatch.setattr(coupled, "_search", wrong)
+    off = np.abs(jax.jit(jax.vmap(lambda q: after(q)[0]))(jnp.asarray(x)) - found).reshape(3, 2, -1).max(2)
+    assert (off > 1e-3).tolist() == pressed.tolist()
+    assert off[~pressed].max() < 1e-12

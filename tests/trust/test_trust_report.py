@@ -50,6 +50,10 @@ def test_the_summary_says_it_all_and_goes_into_json(roll, tmp_path):
     assert 1.0 < found["predictable_up_to"] <= 2.5
     for line in ("error bar", "energy residual", "momentum residual", "penetration", "strut strain", "predictable"):
         assert line in roll.table()
+    works = [np.full_like(roll.audit.actuation, work) for work in (-2.0, 2.0)]
+    signed = [roll._replace(audit=roll.audit._replace(actuation=work)).table() for work in works]
+    assert "-2 J (negative: members did work on them), kinetic" in signed[0]
+    assert "actuators 2 J, kinetic" in signed[1]
     assert "random directions" not in roll.table()
     estimated = roll._replace(sensitivity=roll.sensitivity._replace(spread=0.125))
     assert " m/rad (estimated by random directions, standard deviation 12%), growing" in estimated.table()
