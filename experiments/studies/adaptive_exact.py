@@ -18,7 +18,7 @@ BOUNDS = (1e-2, 2e-3)
 """m, of the centre of mass at the end"""
 SHARES = {"half": 0.5, "nine of ten": 0.9, "all": 1.0}
 """of the robots, that must end within the bound"""
-LARGEST, FINEST = 3e-2, 1e-2 / 64
+LARGEST, FINEST = 3e-2, 3e-2 / 1024
 """s: the first step of the list, and that which gives the true answer"""
 HALF, STEPS = 4, 29
 """Each step of the list is smaller than the one before it, by the HALF-th root of 2; so many steps."""

@@ -25,8 +25,9 @@ def chosen_scene(scene: str, gait: str | None) -> Scene:
 
 
 def replaced_files(earlier: list[Path], folder: Path) -> str:
-    """That a command will replace these files of an earlier run in its folder, in words; none without such files."""
+    """That a command will remove or replace these files of an earlier run in its folder, in words; none without such files."""
     if not earlier:
         return ""
-    others = f" and {len(earlier) - 1} more files there" if earlier[1:] else ""
-    return f"{earlier[0]}{others} will be replaced; set another --out to keep what {folder}/ holds."
+    count = len(earlier) - 1
+    others = f" and {count} more file{'s' if count > 1 else ''} there" if count else ""
+    return f"{earlier[0]}{others} will be removed or replaced; set another --out to keep what {folder}/ holds."

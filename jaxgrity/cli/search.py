@@ -36,6 +36,8 @@ from jaxgrity.stepping.methods import default_method
 from jaxgrity.stepping.options import ROUGH, SolverOptions, is_coupled
 from jaxgrity.stepping.step_limits import default_step
 
+MANY_STEPS = 4
+"""As many times the steps of the own contact model on the other one are worth a word."""
 WEAKER = 0.005
 """Smallest loss of strokes of which a search tells, as a share: half a per cent is what it shows."""
 
@@ -211,10 +213,13 @@ def twin_words(scene: Scene, config: SearchConfig) -> str:
         return ""  # the search says why
     if not coupled:
         return ""
-    more = default_step(scene, default_method(scene)) / rough_step(twin)
+    own = default_step(scene, default_method(scene)) if config.dt is None else config.dt
+    more = own / rough_step(twin)
+    if more < MANY_STEPS:
+        return ""
     return (
         f"The other contact model takes {more:.0f} times as many steps of this robot, and most of the time. With "
-        "--no-both-models it does not help to choose the gait, and a few robots are tried on it in the end.\n\n"
+        "--no-both-models it does not help to choose the gait, but robots are tried on it in the end.\n\n"
     )
 
 

@@ -17,7 +17,6 @@ from jaxgrity.orbits.orbit_stability import stability
 from jaxgrity.orbits.orbit_symmetry import repetition
 from jaxgrity.populations.uncertainty import Uncertainty
 from jaxgrity.search.judging import over_robots
-from jaxgrity.search.models import on_twin
 from jaxgrity.search.motions import RobotMotions, robot_motions
 from jaxgrity.search.paths import stays
 from jaxgrity.stepping.methods import default_method
@@ -151,8 +150,8 @@ def _over_robots(
     )
     on_progress()
     twin = contact_twin(scene)
-    options, count = on_twin(twin, step, len(fine.speed))
-    other = robot_motions(twin, uncertainty, **same, robots=count, options=options)
+    options = SolverOptions(dt=default_step(twin, default_method(twin)), dtype="float32")
+    other = robot_motions(twin, uncertainty, **same, options=options)
     on_progress()
     return _Robots(fine, other, abs(over_robots(fine.speed - coarse.speed)["mean"]))
 

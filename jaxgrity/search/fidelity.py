@@ -30,7 +30,7 @@ from jaxgrity.search.judging import (
     standard_error,
     with_robots,
 )
-from jaxgrity.search.models import model_of, on_twin, rough_step
+from jaxgrity.search.models import model_of, rough_step
 from jaxgrity.search.objectives import ActuatorBounds
 from jaxgrity.search.problem import SearchProblem
 from jaxgrity.stepping.methods import default_method
@@ -241,7 +241,7 @@ def final_verdict(
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Verdict:
     """Evaluate one gait: its error bar, an ensemble of perturbed robots, and `ROBOTS_PER_ROUND` robots on the contact
-    twin, or fewer where they take long (`on_twin`).
+    twin.
 
     The ensemble is simulated with the step `own_step` (s), or with half of it if this changes the mean by more than
     `PRECISION`. The step of the nominal robot is chosen in the same way, by its error bar. `ROBOTS_PER_ROUND` robots at
@@ -278,9 +278,8 @@ def final_verdict(
         )
         on_progress(2, 4)
         other = contact_twin(scene)
-        usual, count = on_twin(other, own_step, some.robots)
-        judging = problem.judging(usual, scene=other, fitness=with_robots(some, count))
-        seen = judge(jax.random.key(seed), judging, gaits)
+        usual = SolverOptions(dt=default_step(other, default_method(other)), dtype="float32")
+        seen = judge(jax.random.key(seed), problem.judging(usual, scene=other, fitness=some), gaits)
         on_progress(3, 4)
         beyond = judged(step, within=bounds).beyond if bounds.needs_metrics else robust.beyond
         verified = verifying.result()

@@ -7,14 +7,11 @@ from jaxgrity.model.contact_twin import is_exact
 from jaxgrity.model.scales import time_scale
 from jaxgrity.model.scene import Scene, as_dtype
 from jaxgrity.stepping.methods import default_method
-from jaxgrity.stepping.options import Options, ResolvedOptions, SolverOptions, is_coupled, resolve
+from jaxgrity.stepping.options import Options, ResolvedOptions, resolve
 from jaxgrity.stepping.step_limits import default_step, strictest
 
 SCREENING_STEP = 0.01
 """Step of complementarity stepping in screening, s for a body of one metre: half of it ranks gaits the same way."""
-
-FEWEST_ON_TWIN = 4
-"""Fewest robots that are tried on the contact twin: two pairs, whose difference says how uncertain their mean is."""
 
 
 class RolloutModel(NamedTuple):
@@ -43,19 +40,3 @@ def rough_step(scene: Scene, dt: float | None = None) -> float:
     own = default_step(scene, method) if dt is None else dt
     wanted = SCREENING_STEP * float(time_scale(scene)) if is_exact(scene) else 2 * own
     return wanted if wanted <= strictest(scene, method)[0] else own
-
-
-@typed
-def on_twin(twin: Scene, own_step: float, robots: int) -> tuple[SolverOptions, int]:
-    """How a gait is tried on the contact twin of its scene: solver options in float32, and the number of robots.
-
-    They are the twin's own step and `robots`. On penalty ground a robot with rigid bodies needs the coupled solver at
-    a hundred times as many steps as on exact contact. There the step is the rough one, and only as many robots are
-    tried as take the steps of `robots` at `own_step` (s), but at least `FEWEST_ON_TWIN`.
-    """
-    method = default_method(twin)
-    if is_exact(twin) or not is_coupled(twin, SolverOptions(), method, True):
-        return SolverOptions(dt=default_step(twin, method), dtype="float32"), robots
-    step = rough_step(twin)
-    pairs = int(robots * step / own_step / 2)
-    return SolverOptions(dt=step, dtype="float32"), min(robots, max(FEWEST_ON_TWIN, 2 * pairs))

@@ -32,6 +32,8 @@ NOTHING = 1e-6
 """A member carries nothing below this share of the force that stretches the softest member to twice its length."""
 NEAR = 1e-4
 """Distance from the shape, as a share of the robot's length, within which a law that does not act does no harm."""
+OTHER_SHAPE = 0.05
+"""Share of the structure's size by which nodes have to move for the shape at rest to be another than the given one."""
 SHOWN = 5
 """Number of frequencies that the report names."""
 
@@ -104,13 +106,17 @@ class StructureReport(NamedTuple):
         }
 
     def _verdict(self, mechanisms: int) -> str:
-        """Whether the structure stands by itself, in words."""
+        """Whether the structure keeps its shape by itself, without ground, in words."""
         if not self.at_rest:
             return "no: it finds no rest near the given shape"
         if self.loose:
-            return "no: it can move without resistance"
+            return "no: it can move, at least a little, without resistance"
         if not self.stable:
             return "no: a small push makes it leave this shape"
+        if self.margins.min(initial=np.inf) < 1:
+            return "no: a member yields or buckles"
+        if self.moved > OTHER_SHAPE * float(np.ptp(self.shape, axis=0).max()):
+            return "yes, but not the given shape"
         return "yes, by its prestress" if mechanisms and self.prestress_stable else "yes"
 
     def _lines(self) -> list[tuple[str, str]]:

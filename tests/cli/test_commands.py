@@ -166,7 +166,7 @@ def test_simulate_one_rollout(jaxgrity, tmp_path):
     done = jaxgrity("simulate", "reference", *arguments)
     assert done.code == 0, done.errors
     assert "smooth friction" in done.out
-    assert f"{tmp_path}/outcomes.png will be replaced; set another --out " in done.out
+    assert f"{tmp_path}/outcomes.png will be removed or replaced; set another --out " in done.out
     summary = summary_in(tmp_path)
     with np.load(tmp_path / "trajectory.npz") as saved:
         assert saved["positions"].shape == (201, 12, 3)
@@ -376,7 +376,7 @@ def test_a_search_says_what_it_replaces(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     assert replaced_words(settings) == ""
     (tmp_path / "orbit.png").write_bytes(b"")
-    assert replaced_words(settings).startswith(f"{tmp_path}/orbit.png will be replaced; set another --out ")
+    assert replaced_words(settings).startswith(f"{tmp_path}/orbit.png will be removed or replaced; set another --out ")
     (tmp_path / "run.json").write_text('{"settings": {}, "done": false}')
     (tmp_path / "state_0.npz").write_bytes(b"")
     assert replaced_words(settings) == ""

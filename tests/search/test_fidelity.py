@@ -22,7 +22,6 @@ from jaxgrity import (
     Scene,
     SearchConfig,
     SearchProblem,
-    SolverOptions,
     Speed,
     Structure,
     Uncertainty,
@@ -30,7 +29,6 @@ from jaxgrity import (
     contact_twin,
     search_gaits,
 )
-from jaxgrity.model import rigid_body
 from jaxgrity.search import (
     EvaluationConfig,
     EvolutionState,
@@ -47,7 +45,7 @@ from jaxgrity.search import (
 from jaxgrity.search.fidelity import Verdict, excess_at
 from jaxgrity.search.genetic_algorithm import Record
 from jaxgrity.search.judging import judge_until, scored, standard_error
-from jaxgrity.search.models import on_twin, rough_step
+from jaxgrity.search.models import rough_step
 from jaxgrity.stepping import default_method, default_step
 from jaxgrity.trust.error_bars import Verified
 
@@ -261,21 +259,6 @@ def test_robots_are_asked_until_it_is_enough(robots):
     np.testing.assert_allclose(first + second, 2)
     assert standard_error(scores.each[0]) == pytest.approx(0, abs=1e-12)
     assert_same(scores, scored(scores.each, 0.5))
-
-
-def test_few_robots_with_rigid_bodies_are_tried_on_penalty_ground(exact):
-    """As many as take the steps of all on the own model, at the rough step; robots without bodies as ever."""
-    soft = contact_twin(exact)
-    step = default_step(soft, default_method(soft))
-    assert on_twin(soft, 5e-3, 128) == (SolverOptions(dt=step, dtype="float32"), 128)
-    body = rigid_body(exact.structure.nodes, (0, 1, 4, 8), 0.5, [1e-2] * 3)
-    bodies = dataclasses.replace(exact, structure=dataclasses.replace(exact.structure, struts=None, bodies=(body,)))
-    twin = contact_twin(bodies)
-    rough = rough_step(twin)
-    assert on_twin(twin, 16 * rough, 128) == (SolverOptions(dt=rough, dtype="float32"), 8)
-    assert on_twin(twin, 1000 * rough, 128)[1] == 4
-    assert on_twin(twin, rough / 2, 128)[1] == 128
-    assert on_twin(bodies, 5e-3, 128)[1] == 128
 
 
 @pytest.mark.campaign

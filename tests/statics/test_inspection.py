@@ -119,8 +119,18 @@ def test_a_limp_structure_is_not_called_stable():
     assert report.loose > 0
     assert report.prestress_stable is False
     assert f"neutral: {report.loose} ways to move meet no resistance" in report.table()
-    assert "keeps its shape      no: it can move without resistance" in report.table()
+    assert "keeps its shape      no: it can move, at least a little, without resistance" in report.table()
     assert "no member carries force: give [cables] prestrain, or [structure] prestress" in report.table()
+
+
+def test_what_buckles_or_takes_another_shape_does_not_keep_its_own():
+    """Struts too slender for their force; and cables so short that nodes move far from the given shape."""
+    slender = PRISM.replace("[struts]\n", "[struts]\nbending_stiffness = 0.01\n")
+    assert "keeps its shape      no: a member yields or buckles" in inspect_structure(parse_scene(slender)).table()
+    scene = parse_scene(PRISM)
+    cables = dataclasses.replace(scene.structure.cables, rest_length=0.5 * scene.structure.cables.rest_length)
+    short = Scene(dataclasses.replace(scene.structure, cables=cables))
+    assert "keeps its shape      yes, but not the given shape" in inspect_structure(short).table()
 
 
 def test_the_structure_of_the_recipe_stands():
