@@ -25,7 +25,7 @@ def chosen_scene(scene: str, gait: str | None) -> Scene:
 
 
 def replaced_files(earlier: list[Path], folder: Path) -> str:
-    """That a command will remove or replace files of an earlier run in its folder, in words; none without such files."""
+    """That a command will remove or replace files of an earlier run in its folder, in words; none if there are none."""
     if not earlier:
         return ""
     count = len(earlier) - 1
