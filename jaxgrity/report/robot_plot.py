@@ -193,6 +193,9 @@ def member_figure(scene: Scene, trajectory: Trajectory) -> Figure:
             if actuated and not np.allclose(rest[:, k], lengths[:, k], rtol=VISIBLE, atol=0):
                 dashed = ", dashed: rest length"
                 axes.plot(times, rest[:, k], "--", linewidth=1, color=line.get_color(), alpha=0.7)
+        low, high = axes.get_ylim()
+        if high - low < VISIBLE * high:  # rigid struts: only rounding is left of their motion
+            axes.set_ylim(low * (1 - VISIBLE), high * (1 + VISIBLE))
         axes.set(xlabel="time (s)", ylabel="length (m)", title=f"{name}{dashed}")
     return figure
 
