@@ -20,8 +20,8 @@ SHARES = {"half": 0.5, "nine of ten": 0.9, "all": 1.0}
 """of the robots, that must end within the bound"""
 LARGEST, FINEST = 3e-2, 3e-2 / 1024
 """s: the first step of the list, and that which gives the true answer"""
-HALF, STEPS = 4, 29
-"""Each step of the list is smaller than the one before it, by the HALF-th root of 2; so many steps."""
+PER_HALVING, STEPS = 4, 29
+"""Each step of the list is smaller than the one before it, so that PER_HALVING of them halve it; so many steps."""
 CAUTION = 2.0 ** np.arange(-3, 4.1, 0.5)
 """factors on the estimate, of which the best is chosen afterwards"""
 
@@ -35,12 +35,12 @@ def adaptive_exact(gaits: int = 128, duration: float = 4.0, seed: int = 0) -> It
         duration: of the rollouts, s
         seed: of the gaits
     """
-    counts = np.array([int(np.ceil(duration / LARGEST * 2 ** (k / HALF))) for k in range(STEPS)])
+    counts = np.array([int(np.ceil(duration / LARGEST * 2 ** (k / PER_HALVING))) for k in range(STEPS)])
     for method in METHODS:
         finest = _ends(method, round(duration / FINEST), gaits, duration, seed)
         ends = np.array([_ends(method, count, gaits, duration, seed) for count in counts])
         errors = np.linalg.norm(ends - finest, axis=2)
-        halved = np.linalg.norm(ends[:-HALF] - ends[HALF:], axis=2)
+        halved = np.linalg.norm(ends[:-PER_HALVING] - ends[PER_HALVING:], axis=2)
         for bound in BOUNDS:
             within = errors <= bound
             for name, share in SHARES.items():
@@ -75,7 +75,7 @@ def _estimated(estimates: np.ndarray, within: np.ndarray, counts: np.ndarray, sh
     """
     best, robots = np.inf, np.arange(within.shape[1])
     for first, estimate in enumerate(estimates):
-        half = first + HALF
+        half = first + PER_HALVING
         for caution in CAUTION:
             asked = np.minimum(np.searchsorted(counts, counts[half] * caution * estimate), len(counts) - 1)
             taken = np.maximum(asked, half)

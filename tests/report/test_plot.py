@@ -211,3 +211,12 @@ def test_members_have_a_colour_each_or_all_the_same(figures):
         assert len(struts.lines) == len({line.get_color() for line in struts.lines}) == 6
         assert len(cables.lines) == 24
         assert len({line.get_color() for line in cables.lines}) == 1
+
+
+def test_rigid_struts_are_drawn_as_of_one_length():
+    """Rounding of their lengths does not fill the axis."""
+    scene = jaxgrity.with_gait(jaxgrity.load_scene("exact"), None)
+    motion = jaxgrity.simulate(scene, 0.1)
+    rounded = motion.positions + 1e-9 * np.random.default_rng(0).normal(size=motion.positions.shape)
+    low, high = plot.member_figure(scene, dataclasses.replace(motion, positions=rounded)).axes[0].get_ylim()
+    assert high - low > 1e-3
